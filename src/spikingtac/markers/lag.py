@@ -44,7 +44,7 @@ from spikingtac.markers.crossings import (
     edge_track,
     followed,
 )
-from spikingtac.markers.graded.appearance import DEAD_US
+from spikingtac.markers.graded.appearance import DEAD_US, dead_time_of
 from spikingtac.types import FloatArray
 
 # Dark current B, relative to white: between none and v2e's offset of 20 at a white of 170, 0.12.
@@ -85,6 +85,9 @@ LARGEST_DEAD_US, LARGEST_DEAD_ERROR_US = 5_000.0, 100.0
 # a usual one shifts is left in the lag.
 MEAN_SHARE = 0.8
 
+# Polarity, number in the series, and speed, px/s, of each of some cells of the histograms.
+Cells = tuple[NDArray[np.intp], NDArray[np.intp], FloatArray]
+
 
 def with_delays(source: EventSource, calibration: Calibration) -> Calibration:
     """Return a calibration with the lag, and with the dead time where it is unusually long.
@@ -103,7 +106,7 @@ def with_delays(source: EventSource, calibration: Calibration) -> Calibration:
     if dead_time_us is not None:
         calibration = replace(calibration, dead_time_us=dead_time_us)
         found = _crossings(source, calibration)
-    lag = estimate_lag(found, edge, dead_time_us or DEAD_US)
+    lag = estimate_lag(found, edge, dead_time_of(calibration))
     return calibration if lag is None else replace(calibration, lag_us=lag[0])
 
 
@@ -122,16 +125,16 @@ def estimate_lag(
         edge: The calibrated edge.
         dead_time_us: Dead time of the pixels, us.
     """
-    count, speed_px_s = found
-    enough = _frequent(count.sum(axis=3) >= LEAST_COUNT)
-    side, order, fast = cells = np.nonzero(enough)
+    count, speeds_px_s = found
+    enough, cells = _frequent(count.sum(axis=3) >= LEAST_COUNT, speeds_px_s)
+    side, order, speed_px_s = cells
     place_px, error_px = trimmed_means(count[enough].astype(np.float64))
     late_s = 1e-6 * MEAN_SHARE * (dead_time_us - DEAD_US) * order
-    place_px -= (2.0 * side - 1.0) * late_s * speed_px_s[fast]
-    solved = _delays_us(cells, speed_px_s[fast], (place_px, error_px), edge)
+    place_px -= (2.0 * side - 1.0) * late_s * speed_px_s
+    solved = _delay_us(cells, (place_px, error_px), edge)
     if solved is None:
         return None
-    lag_us, spread_us = float(solved[0][0]), solved[1][0]
+    lag_us, spread_us = solved
     error_us = float(np.sqrt(spread_us**2 + (DARK_SHARE * lag_us) ** 2 + FLOOR_US**2))
     possible = error_us < LARGEST_ERROR_US and lag_us > -error_us  # no edge comes before its light
     return (max(lag_us, 0.0), error_us) if possible else None
@@ -144,38 +147,37 @@ def estimate_dead_time(found: Crossings, edge: DiscProfile) -> float | None:
         found: The crossings of the tracked positions.
         edge: The calibrated edge.
     """
-    count, speed_px_s = found
+    count, speeds_px_s = found
     events = count.sum(axis=3)
-    target = FIRST_SHARE * np.maximum(events[:, :1], 1.0)
-    enough = _frequent((events >= LEAST_COUNT) & (events > target))
-    side, _, fast = cells = np.nonzero(enough)
-    places = _quantiles(count[enough], side, target[side, 0, fast])
-    solved = _delays_us(cells, speed_px_s[fast], places, edge, dead=True)
+    target = np.broadcast_to(FIRST_SHARE * np.maximum(events[:, :1], 1.0), events.shape)
+    enough, cells = _frequent((events >= LEAST_COUNT) & (events > target), speeds_px_s)
+    places = _quantiles(count[enough], cells[0], target[enough])
+    solved = _delay_us(cells, places, edge, dead=True)
     if solved is None:
         return None
-    dead_us, error_us = float(solved[0][3]), solved[1][3]
+    dead_us, error_us = solved
     clear = error_us < LARGEST_DEAD_ERROR_US and dead_us - 2.0 * error_us > DEAD_US
     return dead_us if clear and dead_us < LARGEST_DEAD_US else None
 
 
-def _frequent(enough: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    return enough & (enough.sum(axis=2, keepdims=True) >= FEWEST_SPEEDS)
+def _frequent(
+    enough: NDArray[np.bool_], speeds_px_s: FloatArray
+) -> tuple[NDArray[np.bool_], Cells]:
+    """Return which cells belong to a rung that enough speeds tell, and these cells."""
+    frequent = enough & (enough.sum(axis=2, keepdims=True) >= FEWEST_SPEEDS)
+    side, order, fast = np.nonzero(frequent)
+    return frequent, (side, order, speeds_px_s[fast])
 
 
-def _delays_us(
-    cells: tuple[NDArray[np.intp], ...],
-    speed_px_s: FloatArray,
-    places: tuple[FloatArray, FloatArray],
-    edge: DiscProfile,
-    *,
-    dead: bool = False,
-) -> tuple[FloatArray, FloatArray] | None:
-    """Return lag, skew, tau_white, and the dead time if asked, and their standard errors, us.
+def _delay_us(
+    cells: Cells, places: tuple[FloatArray, FloatArray], edge: DiscProfile, *, dead: bool = False
+) -> tuple[float, float] | None:
+    """Solve for lag, skew and tau_white; return the lag and its standard error, us.
 
-    ``cells`` holds polarity, number and bin of speed of each of ``places``, which are px with their
-    errors. None where too few rungs tell a level.
+    With ``dead`` the dead time is solved for, too, and returned instead of the lag.
+    ``places`` are those of the cells, px, with their errors. None where too few rungs tell a level.
     """
-    (side, order, _), (place_px, error_px) = cells, places
+    (side, order, speed_px_s), (place_px, error_px) = cells, places
     facing, weight = 2.0 * side - 1.0, 1.0 / np.hypot(error_px, FLOOR_PX)
     rungs, rung = np.unique(side * ORDERS + order, return_inverse=True)
     own = [rung == one for one in range(len(rungs))]  # each rung has a place at rest of its own
@@ -188,14 +190,14 @@ def _delays_us(
     if dead:
         steep = -edge.slope(rest_px)
         before = (rungs // ORDERS == rungs[:, None] // ORDERS) & (rungs < rungs[:, None])
-        parts.append((before @ steep / steep)[rung])
+        parts.insert(0, (before @ steep / steep)[rung])
     design = (weight * [*(speed_px_s * parts), *own])[:, told].T
     along = (weight * facing * place_px)[told]
     solved, _, rank, _ = np.linalg.lstsq(design, along, rcond=None)
     misfit = ((along - design @ solved) ** 2).sum()
     scale = max(1.0, misfit / (len(along) - rank))
-    variance = scale * np.diag(np.linalg.pinv(design.T @ design)).clip(0.0)
-    return np.asarray(1e6 * solved, np.float64), 1e6 * np.sqrt(variance)
+    variance = scale * max(float(np.linalg.pinv(design.T @ design)[0, 0]), 0.0)
+    return 1e6 * float(solved[0]), 1e6 * float(np.sqrt(variance))
 
 
 def _quantiles(

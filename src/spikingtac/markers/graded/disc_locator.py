@@ -52,7 +52,7 @@ LONGEST_WAY_S = 0.01
 
 # Least share of the time that a pixel is believed to see, and time between events from which all of
 # it is, in dead times.
-LEAST_SEEN, FAST = 0.25, 20.0
+LEAST_SEEN, FAST_DEAD_TIMES = 0.25, 20.0
 
 STILL_PX_S = 0.2  # Filtered speed below which a marker without new events is not predicted.
 
@@ -168,7 +168,7 @@ def absorb_events_kernel(
     Arguments are plain, since a tuple costs time: columns of the events; the map's pixels, its
     levels with their margin, and its settings; pending events of the markers.
     """
-    fast_us = np.uint32(FAST * dead_us)
+    fast_us = np.uint32(FAST_DEAD_TIMES * dead_us)
     for i in range(x.size):
         # Unsigned, so that no index can be meant from the end.
         row, column = np.uint64(y[i]), np.uint64(x[i])

@@ -8,7 +8,7 @@ import pytest
 
 from spikingtac.events.hot_pixels import HotPixelWatch
 from spikingtac.markers.graded.appearance import DEAD_US, painted_levels
-from spikingtac.markers.graded.disc_locator import FAST, LEAST_SEEN, DiscLocator
+from spikingtac.markers.graded.disc_locator import FAST_DEAD_TIMES, LEAST_SEEN, DiscLocator
 from spikingtac.markers.graded.motion import (
     ACCELERATION_NOISE_PX2_S3,
     FIT_NOW,
@@ -163,7 +163,7 @@ def test_the_map_and_the_counts_are_those_of_the_plain_twin(dead_us: float | Non
         place, event = (int(x[i]), int(y[i])), (int(t[i]), bool(p[i]))
         before_us, rose = last.get(place, event)
         since_us = event[0] - before_us
-        follows = rose == event[1] and 0 < since_us < FAST * blind_us
+        follows = rose == event[1] and 0 < since_us < FAST_DEAD_TIMES * blind_us
         share = max((since_us - blind_us) / since_us, LEAST_SEEN) if follows else 1.0
         twin.arrival_ratio, last[place] = share, event
         twin.absorb(packet.select(np.array([i])))
