@@ -43,6 +43,20 @@ def test_the_default_detector_finds_the_touch_and_its_end(calibrated: Path, verb
     assert found["quiet"]["variance"] > 0.0
 
 
+def test_a_recording_that_begins_with_a_contact(calibrated: Path, verbs: Verbs) -> None:
+    with np.load(calibrated / "truth.npz") as truth:
+        touched = truth["contact_t_us"][np.abs(truth["force_n"][:, 2]) > 1e-6]
+    cut = calibrated / "cut.raw"
+    verbs.told("convert", calibrated, cut, "--from-us", int(touched[0]))
+    found = verbs.told("contact", cut)
+    assert "begins in contact" in verbs.err
+    assert found["quiet"]["source"] == "quietest"
+    assert found["quiet"]["seconds"] == 0.3
+    (contact,) = found["contacts"]
+    assert 0 < contact["t_us"] - touched[0] < 100_000
+    assert abs(contact["end_us"] - touched[-1]) < 100_000
+
+
 def test_without_a_calibration_events_are_counted_and_it_is_said(
     presses: Path, verbs: Verbs
 ) -> None:

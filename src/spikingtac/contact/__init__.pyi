@@ -5,9 +5,11 @@ from .detector import WINDOW_US as WINDOW_US
 from .detector import Window as Window
 from .detector import count_of as count_of
 from .detector import packets_of as packets_of
+from .recording import LEAST_QUIET_WINDOWS as LEAST_QUIET_WINDOWS
 from .recording import find_contacts as find_contacts
 from .recording import leading_quiet as leading_quiet
 from .recording import paired_windows as paired_windows
+from .recording import quietest as quietest
 
 # Detectors
 from .detector import ContactDetector as ContactDetector

@@ -146,7 +146,7 @@ def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> Quiet
             np.add.at(times, (rim.y, rim.x), 1)
             parts.append(rim)
         kept.append(tuple(parts))
-    _require_evidence(len(kept), fired)
+    _require_evidence(counts, fired)
     period_s = period.us * 1e-6
     limit = max(HOT_HZ * len(kept) * period_s, 1.0)
     hot = [times > limit for times in fired]  # events on the rims only were counted
@@ -162,15 +162,17 @@ def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> Quiet
     )
 
 
-def _require_evidence(windows: int, fired: list[NDArray[np.int64]]) -> None:
-    if windows < LEAST_WINDOWS:
+def _require_evidence(counts: list[int], fired: list[NDArray[np.int64]]) -> None:
+    if len(counts) < LEAST_WINDOWS:
         raise CalibrationError(
-            f"{windows} quiet windows are too few for the sequential motion detector, at least "
+            f"{len(counts)} quiet windows are too few for the sequential motion detector, at least "
             f"{LEAST_WINDOWS} are needed; record the moving arm for longer (a minute is good)"
         )
-    if not any(times.any() for times in fired):
+    # A sensor without noise sends nothing.
+    if any(counts) and not any(times.any() for times in fired):
         raise CalibrationError(
-            f"no event lies on the markers' rims in {windows} quiet windows: check the camera"
+            f"none of the {sum(counts)} events of {len(counts)} quiet windows lies on the markers' "
+            "rims: check the camera, and whether the calibration is this sensor's"
         )
 
 

@@ -104,6 +104,17 @@ def leading_quiet(sources: Sequence[EventSource]) -> tuple[int, int]:
     return begin, begin + length
 
 
+def quietest(sources: Sequence[EventSource]) -> tuple[int, int]:
+    """Return the first and the last (exclusive) of the 300 windows with the fewest events.
+
+    For recordings that begin in contact, as those of a sensor without noise do.
+    """
+    stream = islice(paired_windows(sources), MOST_WINDOWS)
+    sums = np.cumsum([0, *map(count_of, stream)])
+    begin = int((sums[LEAST_QUIET_WINDOWS:] - sums[:-LEAST_QUIET_WINDOWS]).argmin())
+    return begin, begin + LEAST_QUIET_WINDOWS
+
+
 def find_contacts(
     sources: Sequence[EventSource],
     detector: ContactDetector,

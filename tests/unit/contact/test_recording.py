@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from spikingtac.contact.detector import WINDOW_US
-from spikingtac.contact.recording import _aligned, find_contacts, leading_quiet
+from spikingtac.contact.recording import _aligned, find_contacts, leading_quiet, quietest
 from spikingtac.contact.registry import EventCountDetector
 from spikingtac.types import EventPacket
 from stand_ins.random_packets import packet_at
@@ -49,3 +49,9 @@ def test_a_burst_at_the_start_is_neither_learned_nor_a_contact() -> None:
     assert 540 <= end <= 640
     (found,) = find_contacts([source], EventCountDetector(20), first=begin)  # type: ignore[list-item]
     assert found[0].t_us == 641 * WINDOW_US
+
+
+def test_the_quietest_stretch_is_the_one_with_the_fewest_events() -> None:
+    counts = [9] * 100 + [2, 1] * 150 + [9] * 200
+    source = [window(number, count) for number, count in enumerate(counts)]
+    assert quietest([source]) == (100, 400)  # type: ignore[list-item]

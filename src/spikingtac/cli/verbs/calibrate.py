@@ -13,6 +13,7 @@ import spikingtac as st
 from spikingtac import events
 from spikingtac.atomic_files import require_free, write_json
 from spikingtac.calibration.document import OWN
+from spikingtac.cli import messages
 from spikingtac.cli.messages import Advance, Table, figures, no_progress, progress, remark, tell
 from spikingtac.cli.recordings import ManyArgs, Work, means_many, run_many
 from spikingtac.cli.sources import ending_on_interrupt, fitting
@@ -113,7 +114,7 @@ def run(args: Args) -> int:
     calibration.save(args.output)
     if args.plot is not None:
         save_calibration_plot(calibration, args.plot)
-    found = summary(calibration)
+    found = summary(calibration) | {"anomalies": dict(source.losses.kinds())}
     written = f"written: {args.output}" + (f", {args.plot}" if args.plot else "")
     shown = (_table(calibration, found, args), *_notes(calibration, found), written)
     return tell(args.json, {"output": str(args.output), **found}, *shown)
@@ -235,7 +236,8 @@ def _notes(calibration: st.Calibration, found: dict[str, Any]) -> list[str]:
         f"Never moved, expected from the others: {'; '.join(missing)}.": missing,
         f"Doubtful, since discs explain little of them: {'; '.join(doubtful)}.": doubtful,
     }
-    return [text for text, applies in notes.items() if applies]
+    counted = messages.counted(found["anomalies"])
+    return [*counted, *(text for text, applies in notes.items() if applies)]
 
 
 def _check(args: Args, known: Path) -> int:

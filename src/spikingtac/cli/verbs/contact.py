@@ -3,10 +3,12 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import tyro
 
 import spikingtac as st
@@ -30,15 +32,24 @@ FALLBACK = (
     "with --calibration the default detector finds lighter contacts"
 )
 
+IN_CONTACT = (
+    "note: the recording begins in contact: markers move at once. The thresholds were "
+    "learned from its quietest 0.3 s; a recording without contact gives better ones: --quiet"
+)
+
+# Mean displacement over 0.1 s, px, of so many markers that it is a contact: an arm shakes them to
+# and fro, and more often.
+MOVED_PX, MOVED_MARKERS, MOVED_WINDOWS = 0.5, 3, 100
+
 
 @dataclass(frozen=True, kw_only=True)
 class Args(RealtimeArgs):
     """Find the contacts in a recording: not a safety function, see the how-to.
 
-    The thresholds are learned from the beginning of the recording, which must be free of contact,
-    or from a recording of the moving arm that is given with --quiet. The default detector uses
-    the rims of the markers and needs a calibration of each sensor; without one, raw events are
-    counted.
+    The thresholds are learned from the beginning of the recording, which should be free of contact,
+    or from a recording of the moving arm that is given with --quiet. Where markers move at once,
+    the quietest 0.3 s of the recording serve. The default detector uses the rims of the markers
+    and needs a calibration of each sensor; without one, raw events are counted.
 
     Attributes:
         recording: Event file, or recording folder of one or two sensors (events.raw, events_1.raw);
@@ -68,8 +79,10 @@ def run(args: Args) -> int:
     config = _config(args)
     sources = _sources(args.recording, args.strict, args.second)
     calibrations = _calibrations(args, sources)
-    name = config.detector or ("default" if calibrations else "event_count")
-    detector, first = _learn(args, replace(config, detector=name), sources, calibrations)
+    counts_only = config.detector is None and not calibrations
+    name = config.detector or ("event_count" if counts_only else "default")
+    config = replace(config, detector=name)
+    detector, first, learned_from = _learn(args, config, sources, calibrations)
     learned = detector.summary()
     pairs = zip(sources, calibrations, strict=False)
     seen: Sequence[Any] = [checked(*pair, args.strict) for pair in pairs] or sources
@@ -83,13 +96,13 @@ def run(args: Args) -> int:
         "sensors": len(sources),
         "budget_per_hour": config.false_alarms_per_hour,
         "rule": learned.rule,
-        "quiet": _quiet(args, learned),
+        "quiet": _quiet(learned_from, learned),
         "anomalies": dict(anomalies),
         "health": [source.counters().summary() for source in sources],
         "calibration_misfit": " ".join(filter(None, (getattr(one, "misfit", "") for one in seen)))
         or None,
     }
-    notes = [FALLBACK] if config.detector is None and not calibrations else []
+    notes = [FALLBACK] if counts_only else []
     table = _table(document, args.recording)
     return tell(args.json, document, *notes, *counted(anomalies), learned.rule, table)
 
@@ -129,8 +142,12 @@ def _learn(
     config: st.DetectionConfig,
     sources: Sequence[events.FileSource],
     calibrations: Sequence[st.Calibration],
-) -> tuple[st.ContactDetector, int]:
-    """Build the detector from the quiet windows; return also the first window that counts."""
+) -> tuple[st.ContactDetector, int, str]:
+    """Build the detector from the quiet windows.
+
+    Returns:
+        The detector; the first window that counts; and where the quiet windows come from.
+    """
     given = sources if args.quiet is None else _sources(args.quiet, args.strict)[: len(sources)]
     if len(given) < len(sources):
         raise st.ConfigError(f"--quiet holds {len(given)} sensor, RECORDING holds {len(sources)}")
@@ -140,14 +157,43 @@ def _learn(
                 f"--quiet is from a sensor of {quiet.size[0]}x{quiet.size[1]} px, RECORDING from "
                 f"one of {source.size[0]}x{source.size[1]} px; record both with the same sensor"
             )
-    begin, end = contact.leading_quiet(sources) if args.quiet is None else (0, None)
-    quiet = islice(contact.paired_windows(given), begin, end)
-    return st.make_detector(config.detector or "default", config, calibrations, quiet), begin
+    first, stretch, learned_from = 0, (0, None), "beginning"
+    if args.quiet is not None:
+        learned_from = args.quiet.name
+    else:
+        first, _ = stretch = contact.leading_quiet(sources)
+        if any(map(partial(_moves, first=first), sources, calibrations)):
+            first, stretch, learned_from = 0, contact.quietest(sources), "quietest"
+            remark(IN_CONTACT)
+    quiet = islice(contact.paired_windows(given), *stretch)
+    detector = st.make_detector(config.detector or "default", config, calibrations, quiet)
+    return detector, first, learned_from
 
 
-def _quiet(args: Args, learned: contact.DetectorSummary) -> dict[str, Any]:
+def _moves(source: events.FileSource, calibration: st.Calibration, first: int) -> bool:
+    """Return whether markers leave their rests by more than an arm shakes them.
+
+    Args:
+        source: The recording.
+        calibration: Of its sensor.
+        first: The first window that counts; a first contact may have passed for a camera's burst.
+    """
+    tracker = st.make_tracker(st.load_config("default").tracking, calibration)
+    stream = st.windows(source, contact.WINDOW_US)
+    moved_px = np.zeros_like(calibration.reference_px)
+    for number, window in enumerate(islice(stream, first + contact.LEAST_QUIET_WINDOWS), 1):
+        tracker.absorb(window)
+        moved_px += tracker.estimate(window.t_end_us).displacement_px / MOVED_WINDOWS
+        if number % MOVED_WINDOWS == 0:
+            if (np.linalg.norm(moved_px, axis=1) > MOVED_PX).sum() >= MOVED_MARKERS:
+                return True
+            moved_px[:] = 0.0
+    return False
+
+
+def _quiet(source: str, learned: contact.DetectorSummary) -> dict[str, Any]:
     """Return the statistics of the quiet windows and the figures that they gave."""
-    statistics: dict[str, Any] = {"source": "beginning" if args.quiet is None else args.quiet.name}
+    statistics: dict[str, Any] = {"source": source}
     if learned.quiet is not None:
         counts = asdict(learned.quiet)
         seconds = round(counts.pop("period_s") * learned.quiet.windows, 6)
