@@ -67,8 +67,9 @@ FLOOR_PX = 0.004
 
 FLOOR_US = 100.0  # Uncertainty of the lag by what the model leaves out, us.
 
-# A measurement that is no better is not used, us: lags are 500 us in good light, 2500 us in dim.
-LARGEST_ERROR_US = 1_000.0
+# A measurement that is no better is not used, us, or as a share of the lag: lags are 500 us in good
+# light, 2500 us in dim light, and more than 10 ms in the dark.
+LARGEST_ERROR_US, LARGEST_ERROR_SHARE = 1_000.0, 0.3
 
 LEAST_RUNGS = 2  # Rungs of each polarity without which level and skew cannot be told apart.
 
@@ -136,7 +137,8 @@ def estimate_lag(
         return None
     lag_us, spread_us = solved
     error_us = float(np.sqrt(spread_us**2 + (DARK_SHARE * lag_us) ** 2 + FLOOR_US**2))
-    possible = error_us < LARGEST_ERROR_US and lag_us > -error_us  # no edge comes before its light
+    told = error_us < max(LARGEST_ERROR_US, LARGEST_ERROR_SHARE * lag_us)
+    possible = told and lag_us > -error_us  # no edge comes before its light
     return (max(lag_us, 0.0), error_us) if possible else None
 
 

@@ -55,7 +55,7 @@ TURN_SHARE = 0.3
 # Rate at which the hysteresis decays with a noise of 1 Hz/px, 1/s; it grows with the square of the
 # noise. (At rest after motion the noisy twin errs by 0.137 px without, by 0.124 at 1; below
 # 0.2 Hz/px all rates are alike.)
-FADING_PER_S = 1.0
+FADING_PER_S = 4.0
 
 # Residual against the neighbours that is as likely an error of the fit as deformation, px.
 SHRINK_PX = 0.2
