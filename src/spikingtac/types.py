@@ -85,6 +85,16 @@ class EventPacket:
     def __len__(self) -> int:
         return len(self.t)
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """``(height, width)`` of an image of the sensor."""
+        return (self.size[1], self.size[0])
+
+    @property
+    def pixels(self) -> int:
+        """Number of pixels of the sensor."""
+        return self.size[0] * self.size[1]
+
     @classmethod
     def empty(cls, t_start_us: int, t_end_us: int, size: tuple[int, int]) -> EventPacket:
         """Return a packet that covers a stretch of silence."""

@@ -18,7 +18,7 @@ from spikingtac.markers.calibration.ideal_pixels import (
     compare,
 )
 from spikingtac.markers.calibration.level_maps import level_maps, swings_kernel
-from spikingtac.markers.calibration.recording import BufferedEvents
+from spikingtac.markers.calibration.recording import coded, times_at
 from spikingtac.markers.calibration.refine import with_rest_radii
 from spikingtac.markers.calibration_check import (
     MOVED_EVENTS,
@@ -28,16 +28,18 @@ from spikingtac.markers.calibration_check import (
     RETURN_US,
     _note_first_kernel,
 )
+from spikingtac.types import EventPacket
+from stand_ins.random_packets import decoded
 
 SIZE, SHAPE = (40, 30), (30, 40)
 PIXELS = SIZE[0] * SIZE[1]
-DISCS = Discs(np.array([5.0, 4.5]), np.array([0.7, 1.0]), np.array([4.0, 2.5]))
+DISCS = Discs(np.array([4.0, 2.5]), np.array([0.7, 1.0]), np.array([5.0, 4.5]))
 PLACES = np.array([[12.3, 14.1], [28.6, 15.2]])
 
 
-def some_events(count: int, seed: int, codes: int = 2 * PIXELS) -> BufferedEvents:
-    code = np.random.default_rng(seed).integers(0, codes, count).astype(np.uint32)
-    return BufferedEvents(code, np.arange(count, dtype=np.uint32), SIZE, 0, count)
+def some_events(count: int, seed: int, codes: int = 2 * PIXELS) -> EventPacket:
+    code = np.random.default_rng(seed).integers(0, codes, count)
+    return decoded(code, np.arange(count), SIZE, count)
 
 
 def random_steps(seed: int) -> np.ndarray:
@@ -69,7 +71,7 @@ def test_level_maps_equal_the_twin(count: int) -> None:
     index = np.unique(np.array([0, count // 3, count]))
     start = np.linspace(0.0, 1.0, events.pixels, dtype=np.float32).reshape(events.shape)
     got = level_maps(events, steps, index, start)
-    value, codes = start.ravel().astype(np.float64), events.code.tolist()
+    value, codes = start.ravel().astype(np.float64), coded(events).tolist()
     forward, backward = [], []
 
     def take(code: int, way: float) -> None:
@@ -114,7 +116,7 @@ def test_discs_are_drawn_as_the_profile_says(stretch: np.ndarray) -> None:
 
 
 def evidence_and_model(
-    places: np.ndarray, events: BufferedEvents | None = None, **looks: Any
+    places: np.ndarray, events: EventPacket | None = None, **looks: Any
 ) -> tuple[Evidence, Model]:
     states, rests, none = np.arange(len(places)), np.empty(0, np.int64), np.zeros(2)
     cell = np.where(np.arange(PIXELS) % SIZE[0] < 20, 0, 1)
@@ -157,7 +159,7 @@ def test_ideal_pixels_fire_as_plain_loops_have_it(recovery_s: float) -> None:
     looks = {"stretch_px": stretches, "pixel": 10.0 * steps}
     known, model = evidence_and_model(paths[0], events, **looks, recovery_s=recovery_s)
     seen = compare(replace(known, index=index), model)
-    after_s = np.diff(events.times_at(index), prepend=events.times_at(index)[:1]) * 1e-6
+    after_s = np.diff(times_at(events, index), prepend=times_at(events, index[:1])) * 1e-6
     kept = np.exp(-after_s / recovery_s) if recovery_s else np.ones(5)
     means, fired = plain_comparison(paths, steps, kept)
     # A level near a threshold may fall to the other side in a table.
@@ -169,7 +171,7 @@ def test_ideal_pixels_fire_as_plain_loops_have_it(recovery_s: float) -> None:
     covered = np.logical_or.accumulate(seen.owner >= 0)[:-1].sum(axis=1)
     np.testing.assert_allclose(seen.events[:, 4].sum(), covered @ after_s[1:])
     total = np.zeros(PIXELS)
-    for code in events.code[:150].tolist():
+    for code in coded(events)[:150].tolist():
         pixel = code >> 1
         total[pixel] += steps[0][pixel] if code & 1 else -steps[1][pixel]
     np.testing.assert_allclose(seen.measured[3], total[seen.pixel], atol=1e-5)
@@ -179,11 +181,11 @@ def test_ideal_pixels_fire_as_plain_loops_have_it(recovery_s: float) -> None:
 def test_full_swings_are_counted_pixel_by_pixel_but_for_snaps(back: bool, snaps: bool) -> None:
     # One disc comes over a pixel, rests, and leaves it: three ON events and one OFF event against
     # them, then two OFF events, the last of which comes late.
-    discs = Discs(np.array([5.0]), np.array([0.5]), np.array([4.0]))
+    discs = Discs(np.array([4.0]), np.array([0.5]), np.array([5.0]))
     pixel = 15 * SIZE[0] + 20
-    code = np.array([2 * pixel + way for way in (1, 1, 0, 1, 0, 0, 1)], np.uint32)
-    at_us = np.arange(7, dtype=np.uint32) * np.uint32(1e6 * SNAP_S / (4 if snaps else 1) + 1)
-    events = BufferedEvents(code, at_us, SIZE, 0, 7 * int(at_us[1]))
+    code = np.array([2 * pixel + way for way in (1, 1, 0, 1, 0, 0, 1)])
+    at_us = np.arange(7) * int(1e6 * SNAP_S / (4 if snaps else 1) + 1)
+    events = decoded(code, at_us, SIZE, 7 * int(at_us[1]))
     away, near, over = [[4.0, 15.0]], [[12.5, 15.0]], [[20.0, 15.0]]
     # Noise long after the swing is none of its events, nor where the disc has gone away.
     path = np.array([away, near, over, over, near, near, *([away] if back else [near]) * 4, near])
@@ -253,7 +255,7 @@ def test_slopes_of_a_disc_equal_numbers_from_differences(stretch: np.ndarray, ro
     small = 1e-4
 
     def shown(dx: float, dy: float, growth: float, wider: float, *ellipse: float) -> np.ndarray:
-        disc = Discs(np.array([5.0 + growth]), np.array([0.7 + wider]), np.array([4.0]))
+        disc = Discs(np.array([4.0]), np.array([0.7 + wider]), np.array([5.0 + growth]))
         stretched = np.add(stretch[:1], [0.0, *ellipse])
         return level(disc, np.add(PLACES[:1], [dx, dy]), stretched)[0].ravel()[around.at[first]]
 

@@ -37,7 +37,7 @@ from stand_ins.rare_off import (
 )
 
 OUTLINE = RADIUS_PX + 0.2, 0.3, -0.2
-WINDOW = fit_window([PROFILE], SIZE[0], 16.0)
+WINDOW = fit_window(PROFILE, SIZE[0], 16.0)
 INNER_PX, OUTER_PX = (float(end) for end in WINDOW.edge[0, :2])
 
 

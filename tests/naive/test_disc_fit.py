@@ -41,7 +41,7 @@ SIZE = (80, 60)
 REFERENCE_PX = np.array([[18.0, 20.0], [55.0, 22.0], [30.0, 45.0]])
 RADIUS_PX = np.array([7.0, 6.5, 5.0])
 PROFILE = DiscProfile(6.0, 0.6)
-WINDOW = fit_window([PROFILE] * 3, SIZE[0], 16.0)
+WINDOW = fit_window(DiscProfile(np.full(3, 6.0), np.full(3, 0.6)), SIZE[0], 16.0)
 ROUND_PX = np.column_stack([RADIUS_PX, np.zeros((3, 2))])
 
 
@@ -112,7 +112,7 @@ def test_one_step_goes_no_farther_than_the_edge_is_linear(away_px: float) -> Non
     soft = DiscProfile(6.0, 1.5)
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     level = soft.level(np.hypot(x - 40.0, y - 30.0) - 7.0).astype(np.float32)
-    window = fit_window([soft], SIZE[0], 16.0)
+    window = fit_window(soft, SIZE[0], 16.0)
     start = 40.0 + 0.6 * away_px, 30.0 - 0.8 * away_px
     outline = np.array([[7.0, 0.0, 0.0]])
     maps = fit_maps(level, window)
@@ -155,7 +155,8 @@ def test_normal_equations_equal_their_twin() -> None:
 
 @pytest.mark.parametrize("profile", [PROFILE, DiscProfile(6.0, 0.3), DiscProfile(12.0, 0.2)])
 def test_the_window_shows_the_edge_where_it_is_steep(profile: DiscProfile) -> None:
-    window = fit_window([DiscProfile(2.5, 0.9), profile], SIZE[0], 16.0)
+    both = np.array([[2.5, 0.9], [profile.contrast, profile.edge_px]]).T
+    window = fit_window(DiscProfile(*both), SIZE[0], 16.0)
     inner_px, outer_px, unit = window.edge[1].astype(float)
     q_px, z = np.linspace(inner_px, outer_px, 401), np.linspace(-1.0, 1.0, 401)
     level, slope = (np.polynomial.polynomial.polyval(z, row) for row in window.coefficients[1])

@@ -28,6 +28,12 @@ def packet_of(
     return EventPacket(x, y, p.astype(np.bool_), t.astype(np.int64), *span_us, size)
 
 
+def decoded(code: np.ndarray, t: np.ndarray, size: tuple[int, int], end_us: int) -> EventPacket:
+    """Return events from 0 us on whose codes are their pixel's number times 2, plus 1 for ON."""
+    y, x = np.divmod(code >> 1, size[0])
+    return packet_of(t, x, y, code & 1, size, (0, end_us))
+
+
 def packet_at(times_us: Any, span_us: tuple[int, int], size: tuple[int, int]) -> EventPacket:
     """Return events of the first pixel, OFF, at these times."""
     t = np.array(times_us, np.int64)

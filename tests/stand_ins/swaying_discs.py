@@ -6,8 +6,9 @@ import numpy as np
 
 from spikingtac.calibration.disc_profile import DiscProfile
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.calibration.recording import BufferedEvents
+from spikingtac.events.source import PacketSource
 from stand_ins.known import known
+from stand_ins.random_packets import decoded
 from stand_ins.rare_off import RADIUS_PX, SIZE, fired, levels
 
 REST_PX = np.array([[24.0, 20.0], [60.0, 20.0], [24.0, 46.0], [60.0, 46.0]])
@@ -21,11 +22,11 @@ def ways_px() -> np.ndarray:
 
 
 @cache
-def swaying_discs() -> BufferedEvents:
+def swaying_discs() -> PacketSource:
     maps = (levels(REST_PX + way_px, PROFILE) for way_px in ways_px())
     sample, pixel, rises = fired(maps, STEP, STEP)
-    columns = (2 * pixel + rises).astype(np.uint32), (sample * PERIOD_US).astype(np.uint32)
-    return BufferedEvents(*columns, SIZE, 0, SAMPLES * PERIOD_US)
+    whole = decoded(2 * pixel + rises, sample * PERIOD_US, SIZE, SAMPLES * PERIOD_US)
+    return PacketSource([whole], SIZE)
 
 
 def calibration(step: float) -> Calibration:

@@ -29,6 +29,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.calibration.disc_profile import nearest_rims
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.detector import Window, packets_of
 from spikingtac.errors import ConfigError
@@ -75,28 +76,14 @@ class RimTable(NamedTuple):
 
 def rim_table(calibration: Calibration) -> RimTable:
     """Return the rim pixels of a sensor's markers, each assigned to the nearest rim."""
-    width, height = calibration.size
-    nearest = np.full((height, width), np.inf)
-    marker = np.full((height, width), OFF_RIM)
-    outward = np.zeros((height, width, 2))
-    pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
-    for index, (center, radius) in enumerate(
-        zip(calibration.reference_px, calibration.radius_px, strict=True)
-    ):
-        offset = pixels - center
-        distance = np.hypot(offset[..., 0], offset[..., 1])
-        depth = distance - radius
-        chosen = (depth >= -INSIDE_PX) & (depth <= OUTSIDE_PX) & (distance > 0.0)
-        chosen &= np.abs(depth) < np.abs(nearest)
-        nearest[chosen] = depth[chosen]
-        marker[chosen] = index
-        outward[chosen] = offset[chosen] / distance[chosen, None]
-    on_rim = marker != OFF_RIM
-    row = np.where(on_rim, on_rim.cumsum().reshape(height, width) - 1, OFF_RIM)
+    owner, offset, depth = nearest_rims(calibration)
+    on_rim = (depth >= -INSIDE_PX) & (depth <= OUTSIDE_PX) & offset.any(axis=2)
+    row = np.where(on_rim, on_rim.cumsum().reshape(on_rim.shape) - 1, OFF_RIM)
+    outward = offset[on_rim] / np.linalg.norm(offset[on_rim], axis=1, keepdims=True)
     sign = -1.0 if calibration.polarity == "dark" else 1.0
-    field = affine_field(calibration.reference_px)[marker[on_rim]]
-    along = np.einsum("na,nak->nk", outward[on_rim], field)
-    side = np.sign(nearest[on_rim])
+    field = affine_field(calibration.reference_px)[owner[on_rim]]
+    along = np.einsum("na,nak->nk", outward, field)
+    side = np.sign(depth[on_rim])
     # Without their mean: ON events at a uniform rate, as from leak, give no distance.
     modes = sign * np.column_stack([along, side - side.sum() / max(len(side), 1)])
     return RimTable(row.astype(np.int32), modes.astype(np.float32), len(calibration.reference_px))

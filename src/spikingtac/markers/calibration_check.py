@@ -10,9 +10,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from spikingtac.calibration.disc_profile import nearest_marker
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.hot_pixels import HotPixelFilter
-from spikingtac.markers.graded.appearance import nearest_marker, painted_levels
+from spikingtac.markers.graded.appearance import painted_levels
 from spikingtac.types import EventPacket
 
 # Levels at rest of the tested pixels: between both zones a pixel can rise and fall, farther out the
@@ -89,7 +90,7 @@ class CalibrationCheck:
         tested = outside | (level > INSIDE_LEVELS[0]) & (level < INSIDE_LEVELS[1])
         if calibration.marker_measured is not None:
             tested &= calibration.marker_measured[owner]
-        self._marker = owner[tested].astype(np.int64)
+        self._marker = owner[tested]
         self._outside = outside[tested]
         self._tested = tested
         self._first = np.zeros(tested.shape, np.int8)

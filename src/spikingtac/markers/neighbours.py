@@ -10,8 +10,6 @@ doi:10.1201/9781420057669).
 import numpy as np
 
 from spikingtac.calibration.lens import distances_px
-from spikingtac.kernels import kernel
-from spikingtac.state_map.graded import Array
 from spikingtac.types import FloatArray
 
 NEIGHBOURS = 8  # Neighbours of a marker: the ring around it in a square grid.
@@ -48,60 +46,30 @@ class Neighbourhood:
             reference_px: ``(m, 2)`` rest positions, px.
         """
         self.reference_px = np.ascontiguousarray(reference_px, np.float64)
-        count = len(reference_px)
-        self.index = np.zeros((count, max(min(NEIGHBOURS, count - 1), 1)), np.int64)
-        self.weight = np.ones(self.index.shape)
-        for i in range(count if count > 1 else 0):
-            offset = reference_px - reference_px[i]
-            order = np.argsort(np.hypot(offset[:, 0], offset[:, 1]), kind="stable")
-            self.index[i] = order[order != i][: self.index.shape[1]]
-            self.weight[i] = _affine_weights_at_origin(offset[self.index[i]])
+        away_px = distances_px(self.reference_px)
+        count = max(min(NEIGHBOURS, len(away_px) - 1), 1)
+        self.index = np.argsort(away_px, axis=1, kind="stable")[:, :count]
+        self.weight = _affine_weights(self.reference_px[self.index] - self.reference_px[:, None])
         self.arrays = self.reference_px, self.index, self.weight
-        self.bound_px = FARTHEST_PITCHES * distances_px(reference_px).min(axis=1, initial=np.inf)
+        self.bound_px = FARTHEST_PITCHES * away_px.min(axis=1)
         self.own_share = 1.0 / (1.0 + (self.weight**2).sum(axis=1))
 
     def expected_px(self, position_px: FloatArray) -> FloatArray:
-        """Return ``(m, 2)`` positions that the neighbours predict, px."""
-        out = np.empty_like(self.reference_px)
-        expect_kernel(position_px, self.arrays, out)
-        return out
+        """Return ``(m, 2)`` positions that the neighbours predict, px.
+
+        They are clipped to the range of the neighbours' displacements.
+        """
+        around_px = (position_px - self.reference_px)[self.index]
+        moved_px = (self.weight[..., np.newaxis] * around_px).sum(axis=1)
+        return self.reference_px + moved_px.clip(around_px.min(axis=1), around_px.max(axis=1))
 
 
-@kernel(forceinline=True)
-def neighbour_range_kernel(
-    position_px: Array, neighbours: tuple[Array, Array, Array], m: int, axis: int
-) -> tuple[float, float, float]:  # pragma: no cover - compiled
-    """Return the displacement that a marker's neighbours predict, and the range of theirs, px.
-
-    ``neighbours`` holds rest positions, neighbours and their weights.
-    """
-    reference_px, index, weight = neighbours
-    expected, low, high = 0.0, np.inf, -np.inf
-    for k in range(index.shape[1]):
-        n = index[m, k]
-        other = position_px[n, axis] - reference_px[n, axis]
-        expected += weight[m, k] * other
-        low, high = min(low, other), max(high, other)
-    return expected, low, high
-
-
-@kernel()
-def expect_kernel(
-    position_px: Array, neighbours: tuple[Array, Array, Array], out: Array
-) -> None:  # pragma: no cover - compiled
-    """Write the positions that neighbours predict, clipped to the range of their displacements."""
-    for m in range(len(out)):
-        for axis in range(2):
-            moved, low, high = neighbour_range_kernel(position_px, neighbours, m, axis)
-            out[m, axis] = neighbours[0][m, axis] + min(max(moved, low), high)
-
-
-def _affine_weights_at_origin(points: FloatArray) -> FloatArray:
-    spread = max(float(np.sqrt((points**2).mean())), 1e-9)
-    design = np.column_stack([np.ones(len(points)), points / spread])
-    ridge = np.diag([0.0, RIDGE * len(points), RIDGE * len(points)])
-    weights = np.linalg.solve(design.T @ design + ridge, design.T)[0]
-    return np.round(weights / weights.sum(), WEIGHT_DECIMALS)
+def _affine_weights(offset_px: FloatArray) -> FloatArray:
+    spread_px = np.sqrt((offset_px**2).mean(axis=(1, 2), keepdims=True)).clip(1e-9)
+    design = np.concatenate([np.ones_like(offset_px[..., :1]), offset_px / spread_px], axis=2)
+    ridge, across = RIDGE * offset_px.shape[1] * np.diag([0.0, 1.0, 1.0]), design.swapaxes(1, 2)
+    weights = np.linalg.solve(across @ design + ridge, across)[:, 0]
+    return np.round(weights / weights.sum(axis=1, keepdims=True), WEIGHT_DECIMALS)
 
 
 def smallest_spacing_px(reference_px: FloatArray) -> float:

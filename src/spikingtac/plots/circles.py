@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.disc_profile import EDGE_DEFAULT_PX, covered
+from spikingtac.calibration.disc_profile import EDGE_DEFAULT_PX, covered, nearest_rims
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.plots.figure import Theme, new_figure, save_figure, style_axes
 from spikingtac.types import FloatArray
@@ -95,13 +95,8 @@ def save_calibration_plot(calibration: Calibration, path: str | Path) -> None:
 
 def _picture(calibration: Calibration) -> FloatArray:
     """Return ``(height, width)`` grey levels 0 to 1 of the sensor as its calibration has it."""
-    width, height = calibration.size
-    y, x = np.mgrid[:height, :width]
-    cover = np.zeros((height, width))
-    edges_px = calibration.of_each_marker("edge_px", EDGE_DEFAULT_PX)
-    for marker, (cx, cy) in enumerate(calibration.reference_px):
-        q_px = np.hypot(x - cx, y - cy) - calibration.radius_px[marker]
-        cover = np.maximum(cover, covered(q_px / edges_px[marker]))
+    owner, _, q_px = nearest_rims(calibration)
+    cover = covered(q_px / calibration.of_each_marker("edge_px", EDGE_DEFAULT_PX)[owner])
     ground, marker_level = LEVELS[calibration.polarity]
     return ground + (marker_level - ground) * cover
 

@@ -196,6 +196,7 @@ def test_what_tells_too_little_gives_nothing(monkeypatch: pytest.MonkeyPatch) ->
     assert estimate_lag(quiet, EDGE) is estimate_dead_time(quiet, EDGE) is None
     found = modelled(2e-3, 8e-4, 0.06)
     monkeypatch.setattr(lag, "LARGEST_ERROR_US", 50.0)
+    monkeypatch.setattr(lag, "LARGEST_ERROR_SHARE", 0.01)
     assert estimate_lag(found, EDGE) is None, "a measurement that is worse than a guess"
     monkeypatch.undo()
     found[0][1] = 0

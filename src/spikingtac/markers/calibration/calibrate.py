@@ -16,7 +16,7 @@ from spikingtac.calibration.document import MAPS, MARKER_NUMBERS, MEASURED, OWN
 from spikingtac.calibration.lens import fit_lens
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError
-from spikingtac.events.source import EventSource, refuse_path
+from spikingtac.events.source import EventSource, PacketSource, refuse_path
 from spikingtac.markers.calibration.find_markers import (
     CalibrationConfig,
     DetectedMarkers,
@@ -28,9 +28,10 @@ from spikingtac.markers.calibration.first_model import STEP_BOUNDS
 from spikingtac.markers.calibration.ideal_pixels import Model
 from spikingtac.markers.calibration.layout import Layout
 from spikingtac.markers.calibration.recording import (
-    BufferedEvents,
     buffer_events,
     flicker_hz,
+    inverted,
+    times_at,
     without_hot_pixels,
 )
 from spikingtac.markers.calibration.reference import Method, displaced_before, reference
@@ -127,7 +128,7 @@ def _calibration(
     (evidence, model, quality), layout, size = learned, view.markers.layout, view.events.size
     measured, rests_us = quality.measured, view.rests_us[view.unloaded]
     rest_px = model.center_px[evidence.rests[view.unloaded]]
-    at_us = view.events.times_at(evidence.index)
+    at_us = times_at(view.events, evidence.index)
     displaced_px = displaced_before(rests_us, rest_px, at_us, model.center_px)
     reference_px = reference(rest_px, rests_us, displaced_px, method)
     fields = _appearance(*learned)
@@ -143,7 +144,7 @@ def _calibration(
         **{name: value[keep] if name in PER_MARKER else value for name, value in fields.items()},
         provenance={
             "method": method,
-            "unloaded_rests_us": (view.events.t_start_us + rests_us).tolist(),
+            "unloaded_rests_us": rests_us.tolist(),
             "missing": np.flatnonzero(~measured[keep]).tolist(),
             "residual": np.round(model.residual[keep], 4).tolist(),
             "scatter_px": np.round(scatter_px[keep], 4).tolist(),
@@ -206,8 +207,9 @@ def _appearance(evidence: Evidence, model: Model, quality: Quality) -> dict[str,
     return fields | {MEASURED: measured, "recovery_s": model.recovery_s or None}
 
 
-def _as_recorded(view: Overview) -> BufferedEvents:
-    return view.events if view.polarity == "white" else view.events.inverted()
+def _as_recorded(view: Overview) -> EventSource:
+    events = view.events if view.polarity == "white" else inverted(view.events)
+    return PacketSource([events], events.size)
 
 
 def with_lens(calibration: Calibration, pitch_mm: float, *, staggered: bool = False) -> Calibration:

@@ -7,20 +7,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.events.filters import BackgroundActivityFilter
 from spikingtac.markers.blobs import find_blobs
 from spikingtac.markers.calibration.lattice import LayoutKind
 from spikingtac.markers.calibration.layout import Layout, find_layout
 from spikingtac.markers.calibration.level_maps import level_maps, mean_steps, starting_levels
 from spikingtac.markers.calibration.recording import (
-    BufferedEvents,
     find_rests,
+    inverted,
     moving_events,
     noise_rates,
     smoothed,
     unloaded_rests,
 )
 from spikingtac.markers.calibration.reference import Method
-from spikingtac.types import FloatArray, Polarity
+from spikingtac.types import EventPacket, FloatArray, Polarity
 
 # Bounds of a marker's area, as shares of the median: smaller spots are none, larger ones two.
 AREA_SHARES = (0.25, 3.0)
@@ -115,12 +116,12 @@ class Overview:
         events: The recording, markers brighter than the ground.
         polarity: White or dark markers.
         steps: ``(2,)`` mean steps of an ON and an OFF event, shares of a full swing.
-        rests_us: ``(rests, 2)`` begin and end of each rest, us since the start.
+        rests_us: ``(rests, 2)`` begin and end of each rest, us.
         unloaded: ``bool[rests]`` rests without contact.
         markers: The detected markers.
     """
 
-    events: BufferedEvents
+    events: EventPacket
     polarity: Polarity
     steps: NDArray[np.float32]
     rests_us: NDArray[np.int64]
@@ -142,7 +143,7 @@ class Evidence:
         loss: Share of the events that was lost.
     """
 
-    events: BufferedEvents
+    events: EventPacket
     index: NDArray[np.int64]
     states: NDArray[np.int64]
     rests: NDArray[np.int64]
@@ -152,7 +153,7 @@ class Evidence:
 
 
 def survey(
-    events: BufferedEvents, config: CalibrationConfig, known: DetectedMarkers | None = None
+    events: EventPacket, config: CalibrationConfig, known: DetectedMarkers | None = None
 ) -> Overview:
     """Detect polarity, rests and markers of a recording.
 
@@ -164,17 +165,18 @@ def survey(
     Raises:
         CalibrationError: There are no markers.
     """
-    spans_us = rests_us = find_rests(events)
-    hazy = noise_rates(events, rests_us).sum() * 1e-6 * events.duration_us >= HAZE_EVENTS
-    shown = events.supported() if hazy else events
+    spans_us, (start_us, end_us) = find_rests(events), (events.t_start_us, events.t_end_us)
+    rests_us = spans_us
+    hazy = noise_rates(events, rests_us).sum() * 1e-6 * (end_us - start_us) >= HAZE_EVENTS
+    shown = BackgroundActivityFilter(events.size)(events) if hazy else events
     steps = mean_steps(events, moving_events(events, rests_us))
     if not len(rests_us):
-        edges_us = np.linspace(0, events.duration_us, EVEN_MAPS + 1).astype(np.int64)
+        edges_us = np.linspace(start_us, end_us, EVEN_MAPS + 1).astype(np.int64)
         spans_us = np.column_stack([edges_us[:-1], edges_us[1:]])
-    index = shown.index_at(spans_us.mean(axis=1).astype(np.int64))
+    index = shown.t.searchsorted(spans_us.mean(axis=1).astype(np.int64))
     views = {}
     for polarity in get_args(Polarity) if config.polarity == "auto" else (config.polarity,):
-        swapped = shown.inverted(), steps[::-1].copy()
+        swapped = inverted(shown), steps[::-1].copy()
         seen, mean = (shown, steps) if polarity == "white" else swapped
         maps = level_maps(seen, mean, index, starting_levels(seen, rests_us, mean))
         views[polarity] = seen, mean, maps
@@ -185,7 +187,7 @@ def survey(
     level = np.average(maps[unloaded], axis=0, weights=length_us[unloaded]).astype(np.float32)
     signed = level_maps(seen, steps, index[unloaded], np.full(events.shape, 0.5, np.float32))
     markers = known or detect_markers(level, config, signed.mean(axis=0) - 0.5)
-    events = events if polarity == "white" else events.inverted()
+    events = events if polarity == "white" else inverted(events)
     return Overview(events, polarity, steps, spans_us, unloaded, markers)
 
 
@@ -195,7 +197,7 @@ def clutter(level: NDArray[np.float32]) -> float:
     The right polarity shows fewer and rounder spots: the discs, and not the area that they swept.
     (Markers that move by less than their diameter sweep less than they cover.)
     """
-    spots = find_blobs(smoothed(level), areas_px=(1.0, np.inf))
+    spots = find_blobs(smoothed(level))
     return float(spots.area_px.sum() ** 2 / max(spots.area_px @ spots.roundness, 1e-9))
 
 

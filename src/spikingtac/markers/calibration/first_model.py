@@ -5,20 +5,19 @@ steps, a paler marker would never be erased from the map where it was, and would
 """
 
 from dataclasses import replace
-from itertools import pairwise, starmap
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.disc_profile import Discs
+from spikingtac.calibration.disc_profile import Discs, nearest_marker
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.calibration.find_markers import Evidence, Overview
 from spikingtac.markers.calibration.ideal_pixels import Model, compare
 from spikingtac.markers.calibration.level_maps import SwingHistogram
-from spikingtac.markers.calibration.recording import BufferedEvents, noise_rates
+from spikingtac.markers.calibration.recording import coded, noise_rates, times_at
 from spikingtac.markers.crossings import followed
-from spikingtac.markers.graded.appearance import nearest_marker
-from spikingtac.types import FloatArray
+from spikingtac.types import EventPacket, FloatArray
 
 # Initial edge width and contrast of the refinement.
 FIRST_EDGE_PX, FIRST_CONTRAST = 0.8, 3.3
@@ -79,18 +78,15 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
     """Return the evidence of a recording, and an initial model of it."""
     events, markers = view.events, len(view.markers.center_px)
     index, rests = choose_samples(view)
-    discs = Discs(
-        np.full(markers, view.markers.radius_px - SPOT_GROWTH_PX),
-        np.full(markers, FIRST_EDGE_PX),
-        np.full(markers, FIRST_CONTRAST),
-    )
-    cell = nearest_marker(view.markers.center_px, events.size).ravel().astype(np.int64)
+    looks = FIRST_CONTRAST, FIRST_EDGE_PX, view.markers.radius_px - SPOT_GROWTH_PX
+    discs = Discs(*(np.full(markers, value) for value in looks))
+    cell = nearest_marker(view.markers.center_px, events.size).ravel()
     noise_hz_px = noise_rates(events, view.rests_us)
     states = choose_states(len(index), rests, events.pixels)
     loss = event_loss(events, index[rests[view.unloaded]], noise_hz_px)
     evidence = Evidence(events, index, states, rests, cell, noise_hz_px, loss)
     on_per_off, swings = float(view.steps[1] / view.steps[0]), SwingHistogram(cell)
-    swings.absorb(events.code, on_per_off)
+    swings.absorb(coded(events), on_per_off)
     own, many = swings.steps(on_per_off), swings.counts.sum(axis=1) > FEWEST_SWINGS
     # Never smaller: a marker that hardly moves shows only noise and partial swings.
     steps = np.maximum(np.where(many, own, 0.0), view.steps[:, np.newaxis])
@@ -111,7 +107,7 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
     return evidence, replace(model, discs=replace(discs, contrast=contrast))
 
 
-def event_loss(events: BufferedEvents, index: NDArray[np.int64], noise_hz_px: FloatArray) -> float:
+def event_loss(events: EventPacket, index: NDArray[np.int64], noise_hz_px: FloatArray) -> float:
     """Return the share of the events that was lost, measured by the balance of ON and OFF events.
 
     Between two rests of the skin brightness returns, and ON and OFF events balance but for an event
@@ -128,18 +124,15 @@ def event_loss(events: BufferedEvents, index: NDArray[np.int64], noise_hz_px: Fl
     """
     if len(index) < LOSS_RESTS:
         return 0.0
-    slots = 2 * events.pixels  # for OFF and ON events
-    total = np.bincount(events.code[index[0] : index[-1]], minlength=slots).reshape(-1, 2)
-    noise = noise_hz_px[::-1] * 1e-6 * np.diff(events.times_at(index[[0, -1]]))
+    slots, code = 2 * events.pixels, coded(events)  # for OFF and ON events
+    total = np.bincount(code[index[0] : index[-1]], minlength=slots).reshape(-1, 2)
+    noise = noise_hz_px[::-1] * 1e-6 * np.diff(times_at(events, index[[0, -1]]))
     busy = (total >= np.maximum(BUSY_EVENTS, BUSY_OVER_NOISE * noise)).all(axis=1)
     if np.count_nonzero(busy) < LOSS_PIXELS:
         return 0.0
     ratio = total[busy, 1] / total[busy, 0]
     counts = np.array(
-        [
-            np.bincount(events.code[a:b], minlength=slots).reshape(-1, 2)[busy]
-            for a, b in pairwise(index)
-        ]
+        [np.bincount(code[a:b], minlength=slots).reshape(-1, 2)[busy] for a, b in pairwise(index)]
     )
     walk = counts[..., 1] - ratio * counts[..., 0]
     one_interval, two = np.mean(walk**2), np.mean((walk[1:] + walk[:-1]) ** 2)
@@ -161,7 +154,7 @@ def choose_samples(view: Overview) -> tuple[NDArray[np.int64], NDArray[np.int64]
     apart = min(int(SAMPLE_PX * events_per_px), len(events) // fewest)
     apart = max(apart, len(events) // MOST_SAMPLES, 1)
     begin_us, length_us = view.rests_us[:, 0], np.diff(view.rests_us, axis=1)[:, 0]
-    rest = events.index_at((begin_us + REST_SHARE * length_us).astype(np.int64))
+    rest = events.t.searchsorted((begin_us + REST_SHARE * length_us).astype(np.int64))
     index = np.unique([*range(0, len(events), apart), *rest.tolist(), len(events)])
     return index, np.searchsorted(index, rest)
 
@@ -203,8 +196,11 @@ def tracked(view: Overview, index: NDArray[np.int64], model: Model, rest_px: Flo
         marker_step_off=model.off[seen],
         recovery_s=model.recovery_s or None,
     )
-    at_us = view.events.times_at(index).tolist()
-    packets = starmap(view.events.packet, pairwise([0, *at_us]))
+    at_us, rest = times_at(view.events, index).tolist(), view.events
+    packets = []
+    for end_us in at_us:
+        packet, rest = rest.split(end_us)
+        packets.append(packet)
     center_px = model.center_px.copy()
     for place_px, frame in zip(center_px, followed(packets, known), strict=True):
         lost = frame.coasted[:, np.newaxis]

@@ -8,7 +8,6 @@ unbiased by partial swings without an event, and by steps that are large in one 
 full swings of the real pixels, from ground to marker or back, are counted.
 """
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,11 +17,12 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.disc_profile import Discs, draw_kernel
 from spikingtac.markers.calibration.find_markers import Evidence
+from spikingtac.markers.calibration.recording import coded, times_at
+from spikingtac.state_map.graded import Array
 from spikingtac.types import FloatArray
 
 PHASES = 4  # Ideal pixels per real one: their mean is exact to an eighth of a step.
 STILL_LEVEL = 1e-4  # Smaller changes of the level are no motion.
-THREADS, PARTS = 2, 4  # Threads, and parts of the image: few, since each part draws all discs.
 
 # A pixel is ground below the first level and marker above the second; it swings between them.
 GROUND_LEVEL, MARKER_LEVEL = 0.03, 0.95
@@ -91,27 +91,16 @@ def compare(evidence: Evidence, model: Model) -> Comparison:
     steps = (np.array([model.on, model.off])[:, evidence.cell] * model.pixel).astype(np.float32)
     kept = np.zeros((3, len(states), events.pixels), np.float32)
     owner = np.zeros((len(states), events.pixels), np.int32)
-    swings = np.zeros((events.pixels, 6))
-    at_s = np.multiply(events.times_at(evidence.index), 1e-6)
-    looks, width = model.discs.looks, events.size[0]
-    per_s = 1.0 / model.recovery_s if model.recovery_s > 0.0 else 0.0
-
-    def compare_rows(top: int, bottom: int) -> tuple[FloatArray, FloatArray]:
-        near, ended = np.zeros((len(model.on), 5)), np.zeros((len(model.on), 6))
-        pixels = slice(top * width, bottom * width)
-        compare_kernel(
-            (events.code, pixels.start, width, at_s, per_s),
-            (evidence.index, model.center_px - [0.0, top], model.stretch_px, states),
-            looks,
-            (steps[0, pixels], steps[1, pixels]),
-            (kept[:, :, pixels], owner[:, pixels], near, (swings[pixels], ended)),
-        )
-        return near, ended
-
-    edges = [events.size[1] * part // PARTS for part in range(PARTS + 1)]
-    with ThreadPoolExecutor(THREADS) as pool:
-        parts = list(pool.map(compare_rows, edges[:-1], edges[1:]))
-    near, ended = (np.sum(some, axis=0) for some in zip(*parts, strict=True))
+    swings, near = np.zeros((events.pixels, 6)), np.zeros((len(model.on), 5))
+    ended = np.zeros((len(model.on), 6))
+    at_s = 1e-6 * (times_at(events, evidence.index) - events.t_start_us)
+    compare_kernel(
+        (coded(events), events.shape, at_s),
+        (evidence.index, model.center_px, model.stretch_px, states),
+        model.discs.looks,
+        (steps[0], steps[1], 1.0 / model.recovery_s if model.recovery_s > 0.0 else 0.0),
+        (kept, owner, near, (swings, ended)),
+    )
     near[:, 2:4] /= PHASES
     pixel = np.flatnonzero((owner >= 0).any(axis=0))
     (measured, expected, drawn), owner = kept.take(pixel, axis=2), owner.take(pixel, axis=1)
@@ -120,12 +109,12 @@ def compare(evidence: Evidence, model: Model) -> Comparison:
 
 @njit(cache=True)
 def follow_levels_kernel(
-    which: tuple[NDArray[np.int64], NDArray[np.int32]],
-    levels: tuple[NDArray[np.float32], NDArray[np.float32]],
-    copies: tuple[NDArray[np.float32], NDArray[np.float32]],
-    steps: tuple[NDArray[np.float32], NDArray[np.float32]],
-    events: FloatArray,
-    clock: tuple[FloatArray, Any, Any],
+    which: tuple[Array, Array],
+    levels: tuple[Array, Array],
+    copies: tuple[Array, Array],
+    steps: tuple[Array, Array],
+    events: Array,
+    clock: tuple[Array, Any, Any],
 ) -> None:
     """Advance the ideal pixels to their present levels, and count their events by marker.
 
@@ -165,33 +154,18 @@ def follow_levels_kernel(
 
 
 @njit(cache=True)
-def count_events_kernel(
-    code: NDArray[np.uint32],
-    first: int,
-    counts: NDArray[np.int32],
-    owner: NDArray[np.int32],
-    events: FloatArray,
-) -> None:
-    """Count real events per pixel, OFF and ON, and per covering disc, ON and OFF.
-
-    The pixels are a block of rows; ``first`` is the number of its first pixel in ``code``.
-    """
+def count_events_kernel(code: Array, counts: Array, owner: Array, events: Array) -> None:
+    """Count real events per pixel, OFF and ON, and per covering disc, ON and OFF."""
     for i in range(len(code)):
-        q, on = np.int64(code[i] >> 1) - first, code[i] & 1
-        if q >= 0 and q < len(counts):
-            counts[q, on] += 1
-            if owner[q] >= 0:
-                events[owner[q], 1 - on] += 1
+        q, on = code[i] >> 1, code[i] & 1
+        counts[q, on] += 1
+        if owner[q] >= 0:
+            events[owner[q], 1 - on] += 1
 
 
 @njit(cache=True)
 def own_pixels_kernel(
-    covered: NDArray[np.int64],
-    whose: NDArray[np.int32],
-    last_owner: NDArray[np.int32],
-    owned: FloatArray,
-    looked_s: FloatArray,
-    span_s: FloatArray,
+    covered: Array, whose: Array, last_owner: Array, owned: Array, looked_s: Array, span_s: Array
 ) -> None:
     """Give pixels to the discs that cover them, and sum up how long each disc's are looked at, s.
 
@@ -247,23 +221,22 @@ def end_swings_kernel(
             last[q, 0], last[q, 1] = count[q, 0], count[q, 1]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def compare_kernel(
-    real: tuple[NDArray[np.uint32], int, int, FloatArray, float],
+    real: tuple[Array, tuple[int, int], Array],
     paths: tuple[NDArray[np.int64], FloatArray, FloatArray, NDArray[np.int64]],
     looks: tuple[FloatArray, FloatArray, NDArray[np.float32]],
-    steps: tuple[NDArray[np.float32], NDArray[np.float32]],
+    steps: tuple[Array, Array, float],
     out: tuple[Any, ...],
 ) -> None:
-    """Step through the samples; fill some rows of a :class:`Comparison`.
+    """Step through the samples; fill a :class:`Comparison`.
 
-    ``real`` holds the codes of all events, the number of the first pixel of these rows, their
-    width, the time of each sample, s, and the rate of recovery, 1/s; ``out`` the levels
-    ``(3, states, pixels)``, the owners, the events ``(m, 5)``, swings by pixel, by marker.
+    ``real`` holds the codes of all events, the shape of an image, and the time of each sample, s;
+    ``steps`` those of ON and OFF events of each pixel, and the rate of recovery, 1/s; ``out`` the
+    levels ``(3, states, pixels)``, the owners, the events ``(m, 5)``, swings by pixel, by marker.
     """
-    (code, first, width, at_s, per_s), (levels, owners, near, swings) = real, out
-    (index, center_px, stretch_px, states), (on, off) = paths, steps
-    shape = (levels.shape[2] // width, width)
+    (code, shape, at_s), (levels, owners, near, swings) = real, out
+    (index, center_px, stretch_px, states), (on, off, per_s) = paths, steps
     image, owner = np.zeros(shape, np.float32), np.full(shape, -1, np.int32)
     now, whose, count = image.ravel(), owner.ravel(), image.size
     before, phases = np.zeros(count, np.float32), np.empty((count, PHASES), np.float32)
@@ -274,7 +247,7 @@ def compare_kernel(
     counted = counts, np.zeros_like(counts), np.zeros_like(counts)
     at, formers, kept, owned = index[0], 0, 0, np.zeros(len(near) + 1)
     for sample in range(len(index)):
-        count_events_kernel(code[at : index[sample]], first, counts, last_owner, near)
+        count_events_kernel(code[at : index[sample]], counts, last_owner, near)
         at, clock = index[sample], (seen_s, at_s[sample], per_s)
         place = center_px[sample], stretch_px[sample]
         covered = touched[: draw_kernel(place, looks, (image, owner), touched)]
@@ -284,7 +257,7 @@ def compare_kernel(
                 phases[:, phase] = now + off - (on + off) * np.float32((phase + 0.5) / PHASES)
         own_pixels_kernel(covered, whose, last_owner, owned, near[:, 4], at_s[sample : sample + 2])
         for some, left in ((former[:formers], True), (covered, False)):
-            follow_levels_kernel((some, last_owner), (now, before), copies, steps, near, clock)
+            follow_levels_kernel((some, last_owner), (now, before), copies, (on, off), near, clock)
             shown = now, whose, last_owner, left
             end_swings_kernel(some, shown, ends, counted, swings, clock[1])
         if kept < len(states) and states[kept] == sample:

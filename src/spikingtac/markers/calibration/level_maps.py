@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
 from spikingtac.markers.calibration.recording import (
-    BufferedEvents,
+    coded,
     moving_events,
     noise_rates,
     smoothed,
 )
+from spikingtac.state_map.graded import Array
+from spikingtac.types import EventPacket
 
 # Resolution and range of the histogram of brightness swings, in ON events.
 BINS_PER_EVENT, LARGEST_SWING = 4, 100
@@ -33,7 +35,7 @@ SWING_QUANTILE = 0.5
 ON_SHARES = (0.02, 0.98)
 
 
-def mean_steps(events: BufferedEvents, moving: NDArray[np.bool_]) -> NDArray[np.float32]:
+def mean_steps(events: EventPacket, moving: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Return ``(2,)`` the mean steps of an ON and an OFF event, shares of a full swing.
 
     They are estimated from the balance of ON and OFF events and from the size of swings. Over a
@@ -47,7 +49,7 @@ def mean_steps(events: BufferedEvents, moving: NDArray[np.bool_]) -> NDArray[np.
     Raises:
         CalibrationError: Nearly all events have one polarity.
     """
-    on = int(np.count_nonzero(events.code[moving] & 1))
+    on = int(np.count_nonzero(events.p[moving]))
     off = int(np.count_nonzero(moving)) - on
     share = on / max(on + off, 1)
     if not ON_SHARES[0] <= share <= ON_SHARES[1]:
@@ -56,7 +58,7 @@ def mean_steps(events: BufferedEvents, moving: NDArray[np.bool_]) -> NDArray[np.
             "and no marker can be followed; check the camera's thresholds (biases)"
         )
     swings = SwingHistogram(np.zeros(events.pixels, np.int64))
-    swings.absorb(events.code, on / off)
+    swings.absorb(coded(events), on / off)
     return swings.steps(on / off)[:, 0]
 
 
@@ -75,7 +77,7 @@ class SwingHistogram:
         self._group, self._turns = group, np.zeros((4, len(group)), np.float32)
 
     def absorb(self, code: NDArray[np.uint32], on_per_off: float) -> None:
-        """Add the next events, coded as in :class:`BufferedEvents`."""
+        """Add the next events, as :func:`.recording.coded` gives them."""
         swings_kernel(code, on_per_off, self._turns, self._group, self.counts)
 
     def steps(self, on_per_off: float) -> NDArray[np.float32]:
@@ -87,7 +89,7 @@ class SwingHistogram:
 
 
 def level_maps(
-    events: BufferedEvents,
+    events: EventPacket,
     steps: NDArray[np.float32],
     index: NDArray[np.int64],
     start: NDArray[np.float32],
@@ -100,24 +102,24 @@ def level_maps(
         index: Number of events before each map, increasing.
         start: ``(height, width)`` levels at the start of the recording.
     """
-    level = start.ravel().copy()
-    add_kernel(level, events.code, steps)
+    level, code = start.ravel().copy(), coded(events)
+    add_kernel(level, code, steps)
     maps = np.empty((len(index), events.pixels), np.float32)
     last = len(events)
     for row in range(len(index) - 1, -1, -1):
-        _undo(level, events.code[index[row] : last], steps)
+        _undo(level, code[index[row] : last], steps)
         last = int(index[row])
         maps[row] = level
-    _undo(level, events.code[:last], steps)
+    _undo(level, code[:last], steps)
     last = 0
     for row, at in enumerate(index):
-        add_kernel(level, events.code[last:at], steps)
+        add_kernel(level, code[last:at], steps)
         last = int(at)
         maps[row] = 0.5 * (maps[row] + level)
     return maps.reshape(len(index), *events.shape)
 
 
-def _undo(level: NDArray[np.float32], code: NDArray[np.uint32], steps: NDArray[np.float32]) -> None:
+def _undo(level: Array, code: Array, steps: Array) -> None:
     # Integrates backwards in time: the events in reverse order with inverted polarity.
     add_kernel(
         level, np.ascontiguousarray(code[::-1] ^ np.uint32(1)), np.ascontiguousarray(steps[::-1])
@@ -125,13 +127,7 @@ def _undo(level: NDArray[np.float32], code: NDArray[np.uint32], steps: NDArray[n
 
 
 @njit(cache=True)
-def swings_kernel(
-    code: NDArray[np.uint32],
-    ratio: float,
-    state: NDArray[np.float32],
-    group: NDArray[np.int64],
-    histogram: NDArray[np.int64],
-) -> None:
+def swings_kernel(code: Array, ratio: float, state: Array, group: Array, histogram: Array) -> None:
     """Count the swings of brightness between turning points into their group's histogram.
 
     ``state`` holds each pixel's brightness, the extreme since the last turning point, the value at
@@ -160,9 +156,7 @@ def swings_kernel(
 
 
 @njit(cache=True)
-def add_kernel(
-    level: NDArray[np.float32], code: NDArray[np.uint32], steps: NDArray[np.float32]
-) -> None:
+def add_kernel(level: Array, code: Array, steps: Array) -> None:
     """Add each event's step to its pixel, clipped to [0, 1]."""
     on, off = steps[0], steps[1]
     for i in range(len(code)):
@@ -196,28 +190,29 @@ LEAST_LIT = 0.3
 
 
 def starting_levels(
-    events: BufferedEvents, rests_us: NDArray[np.int64], steps: NDArray[np.float32]
+    events: EventPacket, rests_us: NDArray[np.int64], steps: NDArray[np.float32]
 ) -> NDArray[np.float32]:
     """Return ``(height, width)`` levels at the start of the recording: 0 (ground) or 1 (marker).
 
     Args:
         events: The recording, markers brighter than the ground.
-        rests_us: ``(rests, 2)`` begin and end of each rest, us since the start.
+        rests_us: ``(rests, 2)`` begin and end of each rest, us.
         steps: ``(2,)`` mean steps of an ON and an OFF event.
     """
     from scipy import ndimage
 
-    code = events.code[moving_events(events, rests_us)]
+    whole = coded(events)
+    code = whole[moving_events(events, rests_us)]
     sent = np.bincount(code >> 1, minlength=events.pixels).reshape(events.shape)
     # Active pixels send more events than noise while the skin moves.
-    moving_us = events.duration_us - np.diff(rests_us, axis=1).sum()
+    moving_us = events.t_end_us - events.t_start_us - np.diff(rests_us, axis=1).sum()
     noise = noise_rates(events, rests_us).sum() * 1e-6 * moving_us
     fires = smoothed(sent.astype(np.float32)) > max(FEWEST_EVENTS, OVER_NOISE * noise)
     # First levels integrated backwards from a dark and from a bright map: undecided where they
     # differ.
     dark, bright = np.zeros(events.shape, np.float32), np.ones(events.shape, np.float32)
     for level in dark, bright:
-        _undo(level.ravel(), events.code, steps)
+        _undo(level.ravel(), whole, steps)
     undecided, lit = bright - dark > UNDECIDED, dark + bright > 1.0
     enclosed = np.asarray(ndimage.binary_fill_holes(fires), bool) & ~fires
     silent = np.zeros(events.shape, np.int32)

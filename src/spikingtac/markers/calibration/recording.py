@@ -4,128 +4,47 @@ A static press sends as few events as no contact, so a quiet interval is only a 
 without load. The skin looks the same at all rests without load, while presses differ.
 """
 
-from __future__ import annotations
-
-from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError
-from spikingtac.events.filters import BackgroundActivityFilter
-from spikingtac.events.hot_pixels import find_hot_pixels, hot_mask, quiet_events
+from spikingtac.events.hot_pixels import HotPixelFilter, judge_events
 from spikingtac.events.source import EventSource
-from spikingtac.types import EventPacket, FloatArray, LossCounters
+from spikingtac.types import US_PER_S, EventPacket, FloatArray
 
-LONGEST_US = int(np.iinfo(np.uint32).max)  # Longest recording whose times fit 32 bits: 71 minutes.
+LONGEST_US = 71 * 60 * US_PER_S  # Longest recording, us.
 
-MOST_EVENTS = 100_000_000  # Bound of the memory: 8 bytes for each event.
-
-REPLAYED_US = 10_000  # Length of the packets in which buffered events are read again, us.
+MOST_EVENTS = 100_000_000  # Bound of the memory: 13 bytes for each event.
 
 
-@dataclass(slots=True)
-class BufferedEvents:
-    """The events of a recording in 8 bytes each: a source that can be read repeatedly.
-
-    Attributes:
-        code: ``uint32[n]``, ``2 * (y * width + x)`` plus 1 where the pixel became brighter.
-        time_us: ``uint32[n]`` since ``t_start_us``.
-        size: ``(width, height)``, px.
-        t_start_us: Where the recording begins, us.
-        duration_us: Its length, us.
-        losses: Nothing is lost in memory.
-    """
-
-    code: NDArray[np.uint32]
-    time_us: NDArray[np.uint32]
-    size: tuple[int, int]
-    t_start_us: int
-    duration_us: int
-    losses: LossCounters = field(default_factory=LossCounters)
-
-    def __len__(self) -> int:
-        return len(self.code)
-
-    def __iter__(self) -> Iterator[EventPacket]:
-        """Yield packets of equal duration."""
-        edges_us = [*range(0, self.duration_us, REPLAYED_US), max(self.duration_us, 1)]
-        for begin_us, end_us in pairwise(edges_us):
-            yield self.packet(begin_us, end_us)
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """``(height, width)`` of an image."""
-        return (self.size[1], self.size[0])
-
-    @property
-    def pixels(self) -> int:
-        """Number of pixels of the sensor."""
-        return self.size[0] * self.size[1]
-
-    def index_at(self, times_us: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the number of events before each time since the start."""
-        return np.searchsorted(self.time_us, times_us.clip(0, LONGEST_US).astype(np.uint32))
-
-    def times_at(self, index: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the times of events by number, us; beyond the end the time of the last one."""
-        return self.time_us[np.minimum(index, len(self) - 1)].astype(np.int64)
-
-    def packet(self, begin_us: int, end_us: int) -> EventPacket:
-        """Return the events from one time since the start to another."""
-        first, last = self.index_at(np.array([begin_us, end_us], np.int64)).tolist()
-        pixel, polarity = np.divmod(self.code[first:last], 2)
-        y, x = np.divmod(pixel, self.size[0])
-        return EventPacket(
-            x=x.astype(np.uint16),
-            y=y.astype(np.uint16),
-            p=polarity.astype(bool),
-            t=self.time_us[first:last].astype(np.int64) + self.t_start_us,
-            size=self.size,
-            t_start_us=int(begin_us) + self.t_start_us,
-            t_end_us=int(end_us) + self.t_start_us,
-            checked=True,
-        )
-
-    def inverted(self) -> BufferedEvents:
-        """Return the same events with swapped polarities (dark markers become bright ones)."""
-        return replace(self, code=self.code ^ np.uint32(1))
-
-    def supported(self) -> BufferedEvents:
-        """Return the events with a neighbour in space and time: without most of the noise."""
-        kept = BackgroundActivityFilter(self.size)(self.packet(0, self.duration_us))
-        time_us = (kept.t - self.t_start_us).astype(np.uint32)
-        return replace(self, code=coded(kept), time_us=time_us)
-
-
-def buffer_events(source: EventSource, most_us: int | None = None) -> BufferedEvents:
+def buffer_events(source: EventSource, most_us: int | None = None) -> EventPacket:
     """Read a source once, to its end or for ``most_us``.
 
     Raises:
         CalibrationError: The source holds no events, more than :data:`MOST_EVENTS`, or more than
             71 minutes; says how to cut it.
     """
-    codes: list[NDArray[np.uint32]] = []
-    times: list[NDArray[np.uint32]] = []
-    start_us = end_us = events = 0
+    packets, count = [], 0
     for packet in map(EventPacket.sound, source):
-        start_us = start_us if codes else packet.t_start_us
-        end_us = packet.t_end_us
-        events += len(packet)
-        refuse_long(end_us - start_us, events)
-        codes.append(coded(packet))
-        times.append((packet.t - start_us).astype(np.uint32))
-        if most_us is not None and end_us - start_us >= most_us:
+        packets.append(packet)
+        count += len(packet)
+        span_us = packet.t_end_us - packets[0].t_start_us
+        refuse_long(span_us, count)
+        if most_us is not None and span_us >= most_us:
             break
-    if not events:
+    if not count:
         raise CalibrationError(
             "the recording holds no events, so no marker can be found; record the sensor while "
             "something touches all of its skin"
         )
-    code, time_us = np.concatenate(codes), np.concatenate(times)
-    return BufferedEvents(code, time_us, source.size, start_us, end_us - start_us)
+    return EventPacket.concatenate(packets)
+
+
+def times_at(events: EventPacket, index: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the times of events by number, us; beyond the end the time of the last one."""
+    return events.t[np.minimum(index, len(events) - 1)]
 
 
 def refuse_long(span_us: int, events: int = 0) -> None:
@@ -142,19 +61,21 @@ def refuse_long(span_us: int, events: int = 0) -> None:
         )
 
 
+def inverted(events: EventPacket) -> EventPacket:
+    """Return the same events with swapped polarities (dark markers become bright ones)."""
+    return replace(events, p=~events.p)
+
+
 def coded(packet: EventPacket) -> NDArray[np.uint32]:
-    """Return events as :class:`BufferedEvents` has them."""
+    """Return ``uint32[n]`` pixel number times 2, plus 1 where the pixel became brighter."""
     pixel = packet.y.astype(np.uint32) * np.uint32(packet.size[0]) + packet.x
     return pixel * np.uint32(2) + packet.p
 
 
-def without_hot_pixels(events: BufferedEvents) -> tuple[BufferedEvents, NDArray[np.int64]]:
+def without_hot_pixels(events: EventPacket) -> tuple[EventPacket, NDArray[np.int64]]:
     """Return the events of all pixels but the hot ones, and these ``(h, 2)``, columns and rows."""
-    quiet, _ = quiet_events(events.time_us, 0, events.duration_us)
-    pixel = events.code >> 1
-    hot_px = find_hot_pixels(pixel[quiet].astype(np.int64), events.size)
-    keep = ~hot_mask(hot_px, events.size).ravel()[pixel]
-    return replace(events, code=events.code[keep], time_us=events.time_us[keep]), hot_px
+    hot_px = judge_events(events).hot_px
+    return HotPixelFilter(hot_px, events.size).kept(events), hot_px
 
 
 # Length of the bins in which events are counted, us, and number of bins in the moving sum: 10 ms
@@ -196,26 +117,27 @@ def quiet_spans(counts: NDArray[np.integer]) -> NDArray[np.int64]:
     return np.column_stack([begins, ends])[ends - begins >= SHORTEST_REST_BINS]
 
 
-def find_rests(events: BufferedEvents) -> NDArray[np.int64]:
-    """Return ``(n, 2)`` first and last time of each rest, us since the start, in order."""
-    edges_us = np.arange(max(1, events.duration_us // BIN_US) + 1, dtype=np.int64) * BIN_US
-    rests = quiet_spans(np.diff(events.index_at(edges_us)))
+def find_rests(events: EventPacket) -> NDArray[np.int64]:
+    """Return ``(n, 2)`` first and last time of each rest, us, in order."""
+    bins = max(1, (events.t_end_us - events.t_start_us) // BIN_US)
+    edges_us = events.t_start_us + np.arange(bins + 1, dtype=np.int64) * BIN_US
+    rests = quiet_spans(np.diff(events.t.searchsorted(edges_us)))
     longest = np.argsort(rests[:, 0] - rests[:, 1], kind="stable")[:MOST_RESTS]
-    return rests[np.sort(longest)] * BIN_US
+    return edges_us[rests[np.sort(longest)]]
 
 
-def moving_events(events: BufferedEvents, rests_us: NDArray[np.int64]) -> NDArray[np.bool_]:
+def moving_events(events: EventPacket, rests_us: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Return ``bool[n]``: which events fall outside of the rests (all, where that is none)."""
     moving = np.ones(len(events), bool)
-    for first, last in events.index_at(rests_us.ravel()).reshape(-1, 2):
+    for first, last in events.t.searchsorted(rests_us):
         moving[first:last] = False
     return moving if moving.any() else ~moving
 
 
-def noise_rates(events: BufferedEvents, rests_us: NDArray[np.int64]) -> FloatArray:
+def noise_rates(events: EventPacket, rests_us: NDArray[np.int64]) -> FloatArray:
     """Return ``(2,)`` rates of ON and OFF noise, Hz/px, measured at rests; 0 if there are none."""
     silence_s = max(1e-6 * float(np.diff(rests_us, axis=1).sum()), 1e-6)
-    off, on = np.bincount(events.code[~moving_events(events, rests_us)] & 1, minlength=2)
+    off, on = np.bincount(events.p[~moving_events(events, rests_us)], minlength=2)
     return np.array([on, off]) / events.pixels / silence_s
 
 
@@ -228,11 +150,10 @@ FLICKER_MS, SLOWEST_HZ = 200, 80
 FLICKER_SHARE = 0.3
 
 
-def flicker_hz(events: BufferedEvents) -> float | None:
+def flicker_hz(events: EventPacket) -> float | None:
     """Return the frequency of flicker: of alternating ON and OFF events, Hz; None without it."""
-    edges_us = 1_000 * np.arange(events.duration_us // 1_000 + 1, dtype=np.uint32)
-    on_us = events.time_us[events.code % 2 == 1]
-    on, both = (np.diff(np.searchsorted(t_us, edges_us)) for t_us in (on_us, events.time_us))
+    edges_us = np.arange(events.t_start_us, events.t_end_us + 1, 1_000)
+    on, both = (np.diff(t_us.searchsorted(edges_us)) for t_us in (events.t[events.p], events.t))
     balance = 2 * on - both
     windows = balance[: len(balance) // FLICKER_MS * FLICKER_MS].reshape(-1, FLICKER_MS)
     spectrum = np.abs(np.fft.rfft(windows, axis=1)).sum(axis=0)

@@ -53,7 +53,7 @@ def reference(
 
     Args:
         position_px: ``(rests, m, 2)`` positions at the unloaded rests, px.
-        rests_us: ``(rests, 2)`` begin and end of each, us since the start of the recording.
+        rests_us: ``(rests, 2)`` begin and end of each, us.
         displaced_px: ``(rests, m, 2)`` mean displacement in the contact before each rest, px; zero
             without a contact.
         method: How the rests are combined.
@@ -106,13 +106,13 @@ def displaced_before(
     """Return ``(rests, m, 2)`` mean displacement between each rest and the one before it, px.
 
     Args:
-        rests_us: ``(rests, 2)`` begin and end of each, us since the start of the recording.
+        rests_us: ``(rests, 2)`` begin and end of each, us.
         position_px: ``(rests, m, 2)`` positions at the rests, px.
-        sample_us: ``(k,)`` times of the samples, us since the start of the recording.
+        sample_us: ``(k,)`` times of the samples, us.
         sample_px: ``(k, m, 2)`` positions at the samples, px.
     """
     middle_px = np.median(position_px, axis=0)
-    starts_us = np.concatenate([[0], rests_us[:-1, 1]])
+    starts_us = np.concatenate([sample_us[:1], rests_us[:-1, 1]])
     first, last = np.searchsorted(sample_us, [starts_us, rests_us[:, 0]])
     return np.array([
         (sample_px[begin:end] - middle_px).mean(axis=0) if end > begin else 0.0 * middle_px

@@ -122,8 +122,9 @@ def with_recovery(evidence: Evidence, model: Model) -> Model:
     than at its last event adapts to it. Then ON and OFF events stand for nearly the same
     step, and OFF events that seem rare are slow motion. The pixels of other sensors do not adapt.
     """
-    if float(np.mean(evidence.events.code & 1)) < LEAST_ON_SHARE:
+    if float(evidence.events.p.mean()) < LEAST_ON_SHARE:
         return model
+    model = refine(evidence, model)
     recovering = refine(evidence, replace(model, recovery_s=RECOVERY_S))
     # Per marker: both models explain a marker that hardly moves equally badly.
     seen = model.residual > 0.0
@@ -226,7 +227,7 @@ def fit_recording(view: Overview, config: CalibrationConfig) -> tuple[Evidence, 
     """
     evidence, model = first_model(view)
     rests = evidence.rests[view.unloaded]
-    model = with_rest_radii(with_recovery(evidence, refine(evidence, model)), rests)
+    model = with_recovery(evidence, model)
     # Tracking improves with a map painted at the rest positions. Counts of events depend on steps
     # and paths; full swings, which sharp discs reveal, depend on steps alone.
     for _ in range(TRACKING_ROUNDS):

@@ -11,21 +11,16 @@ contiguous, and one window serves markers of every size.
 """
 
 import math
-from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.disc_profile import DiscProfile, disc_profiles
+from spikingtac.calibration.disc_profile import DiscProfile, Discs, nearest_marker, nearest_rims
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.state_map.binary import paint_discs
 from spikingtac.state_map.graded import HALF_STEP, PAD_PX, STEP_DEFAULT, GradedStateMap
 from spikingtac.types import FloatArray
-
-# Side of the blocks in which the nearest markers are looked up, px (16 and 64 take longer).
-BLOCK_PX = 32
 
 # Step above which discs are fitted to dead bands instead of levels. (On twelve of 25 simulated
 # sensors, with larger steps of 0.32 to 0.56, dead bands err by 5 to 67 % less; on eleven of the
@@ -72,34 +67,11 @@ PHASES = 4  # Subpixel cells along a pixel's side; the window is sorted for each
 EXTRA_EVENTS = 1.05
 
 
-@dataclass(frozen=True, slots=True)
-class Appearance:
-    """Edge profiles and steps of one sensor's markers.
-
-    Attributes:
-        profiles: The ``m`` edge profiles.
-        step_on: ``(m,)`` share of the full swing per ON event.
-        step_off: ``(m,)`` the same per OFF event.
-    """
-
-    profiles: list[DiscProfile]
-    step_on: FloatArray
-    step_off: FloatArray
-
-    @property
-    def mean_step(self) -> FloatArray:
-        """``(m,)`` mean share of the full swing per event."""
-        return 0.5 * (self.step_on + self.step_off)
-
-
-def appearance_of(calibration: Calibration) -> Appearance:
-    """Return each marker's appearance: its own where known, else the sensor's, else a default."""
-    on, off = _step_shares(calibration)
-    return Appearance(
-        profiles=disc_profiles(calibration),
-        step_on=on * calibration.of_each_marker("step_on", STEP_DEFAULT),
-        step_off=off * calibration.of_each_marker("step_off", STEP_DEFAULT),
-    )
+def steps_of(calibration: Calibration) -> FloatArray:
+    """Return ``(2, m)`` shares of the full swing per ON and OFF event of each marker."""
+    names = "step_on", "step_off"
+    steps = np.array([calibration.of_each_marker(name, STEP_DEFAULT) for name in names])
+    return steps * np.array(_step_shares(calibration))[:, np.newaxis]
 
 
 def _step_shares(calibration: Calibration) -> tuple[float, float]:
@@ -120,34 +92,16 @@ def dead_time_of(calibration: Calibration) -> float:
     return DEAD_US if calibration.dead_time_us is None else calibration.dead_time_us
 
 
-def nearest_marker(reference_px: FloatArray, size: tuple[int, int]) -> NDArray[np.uint16]:
-    """Return ``(height, width)`` the marker nearest to each pixel, the first of equals.
-
-    Each block of pixels is compared only with the markers that may be nearest to one of them: all
-    markers at all pixels would take 3.5 s for 1,024 markers on 1280x720.
-    """
-    owner = np.zeros((size[1], size[0]), np.uint16)
-    if not len(reference_px):
-        return owner
-    for top, left in product(range(0, size[1], BLOCK_PX), range(0, size[0], BLOCK_PX)):
-        rows = np.arange(top, min(top + BLOCK_PX, size[1]))[:, np.newaxis]
-        columns = np.arange(left, min(left + BLOCK_PX, size[0]))
-        away_px = np.hypot(*(reference_px - (columns.mean(), rows.mean())).T)
-        # Twice the distance from a block's centre to its corner.
-        near = np.flatnonzero(away_px <= away_px.min() + np.sqrt(2.0) * BLOCK_PX)
-        x, y = (axis[:, np.newaxis, np.newaxis] for axis in reference_px[near].T)
-        owner[rows, columns] = near[np.argmin((columns - x) ** 2 + (rows - y) ** 2, axis=0)]
-    return owner
-
-
 def painted_map(calibration: Calibration, lead_steps: float = HALF_STEP) -> GradedStateMap:
     """Return the map of a sensor at rest; for ``lead_steps`` see :class:`GradedStateMap`."""
-    appearance, (on, off) = appearance_of(calibration), _step_shares(calibration)
-    owner = nearest_marker(calibration.reference_px, calibration.size)
+    own = steps_of(calibration)[:, nearest_marker(calibration.reference_px, calibration.size)]
+    known = calibration.step_on_map, calibration.step_off_map
+    for step, share, known_step in zip(own, _step_shares(calibration), known, strict=True):
+        if known_step is not None:
+            np.copyto(step, share * known_step, where=known_step > 0.0)
     return GradedStateMap(
         painted_levels(calibration),
-        _pixel_steps(calibration.step_on_map, on, appearance.step_on[owner]),
-        _pixel_steps(calibration.step_off_map, off, appearance.step_off[owner]),
+        *own.astype(np.float32),
         dark_markers=calibration.polarity == "dark",
         lead_steps=lead_steps,
     )
@@ -155,17 +109,9 @@ def painted_map(calibration: Calibration, lead_steps: float = HALF_STEP) -> Grad
 
 def painted_levels(calibration: Calibration) -> NDArray[np.float32]:
     """Return ``(height, width)`` levels of the calibrated discs at rest."""
-    discs = calibration.size, calibration.reference_px, calibration.radius_px
-    return paint_discs(*discs, disc_profiles(calibration))
-
-
-def _pixel_steps(
-    step_map: NDArray[np.float32] | None, share: float, of_marker: FloatArray
-) -> NDArray[np.float32]:
-    """Return each pixel's own step where it is known, and otherwise its marker's step."""
-    if step_map is None:
-        return of_marker.astype(np.float32)
-    return np.where(step_map > 0.0, share * step_map, of_marker).astype(np.float32)
+    (owner, _, q_px), discs = nearest_rims(calibration), Discs.of(calibration)
+    own = DiscProfile(discs.contrast[owner], discs.edge_px[owner])
+    return own.level(q_px).astype(np.float32)
 
 
 def crossing_px(calibration: Calibration) -> FloatArray:
@@ -177,8 +123,7 @@ def crossing_px(calibration: Calibration) -> FloatArray:
     Returns:
         ``(m,)`` px.
     """
-    appearance = appearance_of(calibration)
-    return appearance.mean_step / np.array([profile.steepest for profile in appearance.profiles])
+    return steps_of(calibration).mean(axis=0) / Discs.of(calibration).steepest
 
 
 def events_per_px(calibration: Calibration) -> FloatArray:
@@ -187,8 +132,7 @@ def events_per_px(calibration: Calibration) -> FloatArray:
     A swept pixel swings up and down once. Either way takes 1 / step - 1 events, and both together
     at least one event, also with steps of 1 (a binary map).
     """
-    appearance = appearance_of(calibration)
-    swing_events = np.maximum(1.0 / appearance.step_on + 1.0 / appearance.step_off - 2.0, 1.0)
+    swing_events = np.maximum((1.0 / steps_of(calibration)).sum(axis=0) - 2.0, 1.0)
     return 2.0 * calibration.radius_px * EXTRA_EVENTS * swing_events
 
 
@@ -216,8 +160,8 @@ class FitWindow(NamedTuple):
     edge: NDArray[np.float32]
 
 
-def fit_window(profiles: list[DiscProfile], width_px: int, most_px: float) -> FitWindow:
-    """Return the tables for discs of some profiles and radii up to ``most_px`` on a sensor.
+def fit_window(discs: DiscProfile, width_px: int, most_px: float) -> FitWindow:
+    """Return the tables for discs and radii up to ``most_px`` on a sensor.
 
     ``width_px`` is the sensor's width, px.
     """
@@ -237,9 +181,11 @@ def fit_window(profiles: list[DiscProfile], width_px: int, most_px: float) -> Fi
     most = np.max(within) + LANES
     order = np.array(orders)[:, :most]
     dx, dy = dx[order], dy[order]
-    ends_px = np.array([_edge_ends_px(profile) for profile in profiles])
-    coefficients = _polynomials(profiles, ends_px)
-    edge = np.column_stack([ends_px, _units(coefficients, most)])
+    q_px = np.linspace(-REACH_PX, REACH_PX, CURVE_POINTS)
+    steep = -discs.slope(q_px[:, np.newaxis]) > FLAT_SHARE * discs.steepest
+    ends_px = np.array([q_px[steep.argmax(axis=0)], -q_px[steep[::-1].argmax(axis=0)]])
+    coefficients = _polynomials(discs, ends_px)
+    edge = np.column_stack([*ends_px, _units(coefficients, most)])
     offset = np.stack([dy * (width_px + 2 * PAD_PX) + dx, dy, dx], axis=1)
     return FitWindow(
         offset=offset.astype(np.int32),
@@ -250,25 +196,17 @@ def fit_window(profiles: list[DiscProfile], width_px: int, most_px: float) -> Fi
     )
 
 
-def _edge_ends_px(profile: DiscProfile) -> tuple[float, float]:
-    q_px = np.linspace(-REACH_PX, REACH_PX, CURVE_POINTS)
-    steep_px = q_px[-profile.slope(q_px) > FLAT_SHARE * profile.steepest]
-    return float(steep_px[0]), float(steep_px[-1])
-
-
-def _polynomials(profiles: list[DiscProfile], ends_px: FloatArray) -> NDArray[np.float32]:
+def _polynomials(discs: DiscProfile, ends_px: FloatArray) -> NDArray[np.float32]:
     """Return ``(m, 2, POLYNOMIAL_DEGREE + 1)`` coefficients of every disc's curves.
 
     All are fitted at once: one by one they would take 6 ms each, 6 s for a skin of 1,024 markers.
     """
     z = np.linspace(-1.0, 1.0, CURVE_POINTS)
-    q_px = ends_px[:, :1] + np.diff(ends_px) * (z + 1.0) / 2.0
-    curves = [(p.level(q), -p.slope(q)) for p, q in zip(profiles, q_px, strict=True)]
-    series = np.polynomial.polynomial.polyfit(
-        z, np.array(curves).reshape(-1, CURVE_POINTS).T, POLYNOMIAL_DEGREE
-    )
+    q_px = ends_px[0] + (ends_px[1] - ends_px[0]) * (z[:, np.newaxis] + 1.0) / 2.0
+    curves = np.stack([discs.level(q_px), -discs.slope(q_px)], axis=2).reshape(CURVE_POINTS, -1)
+    series = np.polynomial.polynomial.polyfit(z, curves, POLYNOMIAL_DEGREE)
     # In C order: the kernel vectorises only if the coefficients are contiguous.
-    rows = np.round(series, COEFFICIENT_DECIMALS).T.reshape(len(profiles), 2, -1)
+    rows = np.round(series, COEFFICIENT_DECIMALS).T.reshape(ends_px.shape[1], 2, -1)
     return rows.astype(np.float32, order="C")
 
 

@@ -19,17 +19,12 @@ from typing import Any
 
 import numpy as np
 
+from spikingtac.calibration.disc_profile import Discs
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.kernels import kernel
-from spikingtac.markers.graded.appearance import FitWindow, appearance_of
-from spikingtac.markers.graded.disc_fit import (
-    MOST_GROWTH,
-    SAME_BITS,
-    Ring,
-    fit_scratch,
-    sample_ring_kernel,
-)
-from spikingtac.markers.graded.disc_locator import DiscLocator
+from spikingtac.markers.graded.appearance import FitWindow, steps_of
+from spikingtac.markers.graded.disc_fit import SAME_BITS, Ring, sample_ring_kernel
+from spikingtac.markers.graded.disc_locator import OUTER_PX, DiscLocator
 from spikingtac.markers.graded.motion import AT_REST_PX_S
 from spikingtac.state_map.graded import OUTSIDE_LEVEL, PAD_PX, Array
 
@@ -38,10 +33,6 @@ from spikingtac.state_map.graded import OUTSIDE_LEVEL, PAD_PX, Array
 AGREEMENT_MEMORY_S = 0.2
 
 TOLERANCE = 0.3  # Tolerated disagreement, in mean steps of the marker.
-
-# How far outside of a disc the leak works, px. (At 5 px a marker is lost at a snap of the twin; at
-# 3.5 px v2e's recording without 30 % of its events errs by 2 % more.)
-OUTER_PX = 4.0
 
 # Rate at which the edges of resting discs are pulled to their calibrated radii, 1/s; beyond a noise
 # of 1 Hz/px it grows with the square of the noise. (A simulated sensor of 5 Hz/px errs by 0.50 px
@@ -80,12 +71,9 @@ class MapLeak:
             calibration: Appearance of the markers.
             leak_per_s: Rate at which disagreement beyond the tolerance is removed, 1/s.
         """
-        appearance = appearance_of(calibration)
-        steepest = np.array([profile.steepest for profile in appearance.profiles])
-        self._discs = steepest, appearance.mean_step
-        self._scratch = fit_scratch((1.0 + MOST_GROWTH) * calibration.radius_px.max() + OUTER_PX)
+        self._discs = Discs.of(calibration).steepest, steps_of(calibration).mean(axis=0)
         self._leak_per_s = leak_per_s
-        self._mean_agreement = np.ones(len(steepest))
+        self._mean_agreement = np.ones(len(calibration.radius_px))
         self._count = 0
 
     def update(self, locator: DiscLocator, dt_s: float, noise_hz_px: float) -> None:
@@ -100,47 +88,36 @@ class MapLeak:
         discs = locator.markers, locator.outline_px, self._mean_agreement
         leak_kernel(
             locator.map.padded.ravel(), locator.map.pixels, *discs, *locator.window,
-            self._scratch, *self._discs, self._count, dt_s, self._leak_per_s, noise_hz_px,
+            locator.scratch, *self._discs, self._count, dt_s, self._leak_per_s, noise_hz_px,
         )  # fmt: skip
 
 
 @kernel(forceinline=True, fastmath=SAME_BITS)
-def _excess_kernel(
-    ring: Ring, edge: Array, law: tuple[Any, Any, Any, Any]
-) -> None:  # pragma: no cover - compiled
-    """Replace the level of each pixel of a disc by the amount that it loses.
+def _leak_disc_kernel(
+    maps: tuple[Array, Array], at: tuple[Any, Any], ring: Ring, offset: Array, edge: Array,
+    law: tuple[Any, Any, Any, Any],
+) -> None:  # pragma: no cover - compiled # fmt: skip
+    """Remove excess from the pixels' levels, and from the expected levels of the map.
 
-    ``law`` holds the tolerance, the share of the excess that is removed, the pull of the edge
-    inwards, in levels, and 1 over the steepest slope.
+    ``at`` is row and column of the ring's centre. ``law`` holds the tolerance, the share of the
+    excess that is removed, the pull of the edge inwards, in levels, and 1 over the steepest slope.
     """
-    limit, portion, pull, per_steepest = law
-    half, one = np.float32(0.5), np.float32(1.0)
-    for j in range(ring[3]):
-        level, slope = edge[1, j], edge[2, j] * per_steepest
-        # Inside of its edge a disc is all marker; outside the foot of the edge decays to 0.
-        level = one if slope == np.float32(0.0) and level > half else level
-        e = edge[0, j] - level
-        excess = e - min(max(e, -limit), limit)
-        edge[0, j] = portion * (one - np.sqrt(slope)) * excess + pull * slope
-
-
-@kernel(forceinline=True)
-def _subtract_kernel(
-    flat: Array, pixels: Array, at: tuple[Any, Any], ring: Ring, offset: Array, edge: Array
-) -> None:  # pragma: no cover - compiled
-    """Subtract the losses from the pixels' levels, and from the expected levels of the map.
-
-    ``at`` is row and column of the ring's centre.
-    """
-    phase, zero, one = ring[0], np.float32(0.0), np.float32(1.0)
+    (flat, pixels), (limit, portion, pull, per_steepest), phase = maps, law, ring[0]
+    zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
     middle = (at[0] + PAD_PX) * (pixels.shape[1] + 2 * PAD_PX) + at[1] + PAD_PX
     for j in range(ring[2]):
+        level, slope = edge[1, j], edge[2, j] * per_steepest
+        # Inside of its edge a disc is all marker; outside the foot of the edge decays to 0.
+        level = one if slope == zero and level > half else level
+        e = edge[0, j] - level
+        excess = e - min(max(e, -limit), limit)
         shown = np.uint64(middle + offset[phase, 0, j])
         if flat[shown] != OUTSIDE_LEVEL:
             row, column = at[0] + offset[phase, 1, j], at[1] + offset[phase, 2, j]
             pixel = pixels[np.uint64(row), np.uint64(column)]
             old = pixel.level
-            pixel.level = min(max(old - edge[0, j], zero), one)
+            loss = portion * (one - np.sqrt(slope)) * excess + pull * slope
+            pixel.level = min(max(old - loss, zero), one)
             flat[shown] += pixel.level - old
 
 
@@ -201,11 +178,11 @@ def leak_kernel(
         rests = np.hypot(marker.vx, marker.vy) <= AT_REST_PX_S
         pull = np.float32(pull_share * rests * (outline_px[m, 0] - marker.radius_px) * steepest[m])
         limit = np.float32(TOLERANCE * mean_step[m])
-        _excess_kernel(ring, edge, (limit, portion, pull, np.float32(1.0 / steepest[m])))
-        _subtract_kernel(flat, pixels, at, ring, offset, edge)
+        law = limit, portion, pull, np.float32(1.0 / steepest[m])
+        _leak_disc_kernel((flat, pixels), at, ring, offset, edge, law)
     gain = -math.expm1(-dt_s / AGREEMENT_MEMORY_S)
     for m in range(mean_agreement.size):
         mean_agreement[m] += gain * (markers[m].agreement - mean_agreement[m])
     share = -math.expm1(-GROUND_PER_S * dt_s * GROUND_SLOTS)
-    rows, law = (count % GROUND_SLOTS, GROUND_SLOTS), (mean_step.mean(), share)
-    leak_ground_kernel(flat, pixels, mean_agreement.size, rows, law)
+    rows, ground = (count % GROUND_SLOTS, GROUND_SLOTS), (mean_step.mean(), share)
+    leak_ground_kernel(flat, pixels, mean_agreement.size, rows, ground)

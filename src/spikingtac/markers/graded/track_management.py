@@ -34,7 +34,7 @@ from spikingtac.markers.graded.event_loss import (
     EventLoss,
 )
 from spikingtac.markers.graded.motion import NEVER_US
-from spikingtac.markers.neighbours import Neighbourhood, neighbour_range_kernel, smallest_spacing_px
+from spikingtac.markers.neighbours import Neighbourhood, smallest_spacing_px
 from spikingtac.state_map.graded import Array
 from spikingtac.types import FloatArray
 
@@ -205,14 +205,18 @@ def gate_kernel(
     The fits are copied from the records to ``fitted_px``. Returns whether any fit is rejected, or
     any marker is coasted or silent (``flags``).
     """
+    reference_px, index, _ = neighbours
     found = False
     for m in range(bound_px.size):
         fitted_px[m, 0], fitted_px[m, 1] = markers[m].fit_x, markers[m].fit_y
     for m in range(bound_px.size):
         beyond2 = 0.0
         for axis in range(2):
-            _, low, high = neighbour_range_kernel(fitted_px, neighbours, m, axis)
-            moved = fitted_px[m, axis] - neighbours[0][m, axis]
+            low, high = np.inf, -np.inf
+            for n in index[m]:
+                moved = fitted_px[n, axis] - reference_px[n, axis]
+                low, high = min(low, moved), max(high, moved)
+            moved = fitted_px[m, axis] - reference_px[m, axis]
             beyond2 += max(low - moved, moved - high, 0.0) ** 2
         if beyond2 <= bound_px[m] ** 2 and markers[m].agreement >= LEAST_AGREEMENT:
             since_us[m] = NEVER_US

@@ -9,14 +9,12 @@ grow when events are lost (:mod:`spikingtac.markers.graded.event_loss`), and the
 the fitted discs (:mod:`spikingtac.markers.graded.map_leak`).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import ConfigError
-from spikingtac.events.hot_pixels import HotPixelWatch
 from spikingtac.markers.graded.appearance import has_large_steps
 from spikingtac.markers.graded.corrections import OutputCorrections, ReleasedZero
 from spikingtac.markers.graded.disc_locator import DiscLocator
@@ -26,6 +24,7 @@ from spikingtac.markers.graded.misplaced_skin import MisplacedSkin
 from spikingtac.markers.graded.motion import NEVER_US
 from spikingtac.markers.graded.track_management import TrackManager
 from spikingtac.markers.laws import OutputLaw
+from spikingtac.schema import require_within
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.types import EventPacket, FloatArray, MarkerFrame
 
@@ -72,9 +71,8 @@ class GradedTrackerConfig:
     dead_bands: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("leak_per_s", "backlash", "shrink"):
-            if not getattr(self, name) >= 0.0:
-                raise ConfigError(f"{name} is {getattr(self, name)}, it must not be negative")
+        positive = 0.0, np.inf
+        require_within(self, leak_per_s=positive, backlash=positive, shrink=positive)
 
 
 class GradedTracker:
@@ -103,10 +101,8 @@ class GradedTracker:
         # A fit to dead bands needs no leak, since it corrects levels itself, and no compensation of
         # backlash. Steps do not adapt: the loss is measured by full swings, which large steps hide.
         bands = config.dead_bands and has_large_steps(calibration)
-        self._adapts = config.adapt_to_loss and not bands
-        self._leak_per_s = 0.0 if bands else config.leak_per_s
-        self._backlash = 0.0 if bands else config.backlash
-        self._shrink = config.shrink
+        without = {"adapt_to_loss": False, "leak_per_s": 0.0, "backlash": 0.0} if bands else {}
+        self._config = replace(config, **without)
         self._locator = DiscLocator(calibration, bands)
         self.lag_s = 1e-6 * (LAG_DEFAULT_US if calibration.lag_us is None else calibration.lag_us)
         self._start()
@@ -124,7 +120,7 @@ class GradedTracker:
     @property
     def hot_pixels(self) -> int:
         """Number of pixels that became hot since the start; their events are ignored."""
-        return self._hot.found
+        return self._locator.hot.found
 
     def absorb(self, packet: EventPacket) -> None:
         """Process all events of the next interval of time, however long it is.
@@ -142,11 +138,8 @@ class GradedTracker:
         self._integrate(packet)
 
     def _integrate(self, packet: EventPacket) -> None:
-        known = self._hot.found
         self._events += len(packet)
-        self._locator.absorb(packet, self._hot)
-        if self._hot.found > known:  # no more events of these pixels reach the map
-            self._locator.map.restore(self._hot.hot)
+        self._locator.absorb(packet)
 
     def estimate(self, t_us: int) -> MarkerFrame:
         """Return the markers at ``t_us``, the end of what was absorbed."""
@@ -167,7 +160,8 @@ class GradedTracker:
         self._run_slower_work(t_us, dt_s)
         # Until the event loss is measured, steps are assumed larger than they are, and discs lead
         # their markers as often as they lag.
-        backlash = self._backlash if self._event_loss.measured or not self._adapts else 0.0
+        known = self._event_loss.measured or not self._config.adapt_to_loss
+        backlash = self._config.backlash if known else 0.0
         noise = self._event_loss.background_hz_px, dt_s
         given_px = self._corrections.update(t_us, locator.markers, self.lag_s, backlash, noise)
         if self._zero is not None:
@@ -183,8 +177,6 @@ class GradedTracker:
         self._start()
 
     def _start(self) -> None:
-        hot_px, size = self.calibration.hot_px, self.calibration.size
-        self._hot = HotPixelWatch(hot_px, size, self._locator.map.pixels)
         self._counted_events = self._locator.event_count
         # The next estimate is made at this time; leak, task and count happened last at theirs.
         self._next_estimate_us = self._leak_us = self._task_us = self._count_us = NEVER_US
@@ -192,11 +184,12 @@ class GradedTracker:
         self._manager = TrackManager(self.calibration)
         self._misplaced = MisplacedSkin(self.calibration)
         neighbours = self._manager.neighbours
-        self._corrections = OutputCorrections(self.calibration, neighbours, self._shrink)
+        self._corrections = OutputCorrections(self.calibration, neighbours, self._config.shrink)
         self._zero = ReleasedZero(neighbours) if self.calibration.recovery_s is not None else None
         self._event_loss = EventLoss(self.calibration, self._locator.area_px)
-        self._leak = MapLeak(self.calibration, self._leak_per_s) if self._leak_per_s else None
-        if self._adapts:
+        leak_per_s = self._config.leak_per_s
+        self._leak = MapLeak(self.calibration, leak_per_s) if leak_per_s else None
+        if self._config.adapt_to_loss:
             self._locator.map.arrival_ratio = self._event_loss.arrival_ratio
 
     def _run_slower_work(self, t_us: int, dt_s: float) -> None:
@@ -229,7 +222,8 @@ class GradedTracker:
             self._count_us, self._counted_events = t_us, event_count
             if counted_s > 0.0:
                 event_loss.update(locator.markers, *self._counts)
-                locator.map.arrival_ratio = event_loss.arrival_ratio if self._adapts else 1.0
+                adapts = self._config.adapt_to_loss
+                locator.map.arrival_ratio = event_loss.arrival_ratio if adapts else 1.0
         elif task == 1:
             manager.update_silent(locator.markers, *self._counts, event_loss)
         elif task == 2:

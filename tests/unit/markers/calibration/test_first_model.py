@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spikingtac.markers.calibration.first_model import event_loss
-from spikingtac.markers.calibration.recording import BufferedEvents
+from stand_ins.random_packets import decoded
 
 PIXELS, INTERVALS, SWING = 2_000, 8, 7
 INTERVAL_US = 1_000_000
@@ -19,9 +19,9 @@ def test_lost_events_unbalance_a_pixel_and_noise_does_not(lost: float, noise: in
         both = np.concatenate([swings, by_chance])
         codes.append(both[rng.random(len(both)) >= lost].astype(np.uint32))
     index = np.cumsum([0, *map(len, codes)])
-    time_us = np.linspace(0, INTERVALS * INTERVAL_US, index[-1]).astype(np.uint32)
+    time_us = np.linspace(0, INTERVALS * INTERVAL_US, index[-1])
     duration_us = INTERVALS * INTERVAL_US
-    events = BufferedEvents(np.concatenate(codes), time_us, (PIXELS // 10, 10), 0, duration_us)
+    events = decoded(np.concatenate(codes), time_us, (PIXELS // 10, 10), duration_us)
     of_noise = np.full(2, noise * (1.0 - lost))
     assert event_loss(events, index, of_noise) == pytest.approx(lost, abs=0.03)
     assert event_loss(events, index[:5], of_noise) == 0.0, "four intervals are too few"

@@ -7,7 +7,8 @@ from spikingtac.events.source import PacketSource
 from spikingtac.markers.calibration import level_maps as module
 from spikingtac.markers.calibration.find_markers import clutter
 from spikingtac.markers.calibration.level_maps import starting_levels
-from spikingtac.markers.calibration.recording import BufferedEvents, buffer_events
+from spikingtac.markers.calibration.recording import buffer_events
+from spikingtac.types import EventPacket
 from stand_ins.ideal_events import ideal_events
 
 SIZE, STEPS = (80, 60), np.full(2, 0.15, np.float32)
@@ -15,7 +16,7 @@ CENTER, RADIUS_PX = (40.0, 30.0), 14.0
 WAYS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
 
-def discs_moved(amplitude_px: float, centers: list[tuple[float, float]]) -> BufferedEvents:
+def discs_moved(amplitude_px: float, centers: list[tuple[float, float]]) -> EventPacket:
     """Return the events of discs that go to and fro in four directions."""
     trip = amplitude_px * np.sin(np.linspace(0, np.pi, 24)) ** 2
     path = np.concatenate([trip[:, np.newaxis] * np.array(way) for way in WAYS])
@@ -30,7 +31,7 @@ def away_px() -> np.ndarray:
     return np.hypot(x - CENTER[0], y - CENTER[1])
 
 
-def starts(events: BufferedEvents) -> np.ndarray:
+def starts(events: EventPacket) -> np.ndarray:
     return starting_levels(events, np.empty((0, 2), np.int64), STEPS) > 0.5
 
 

@@ -5,12 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spikingtac.markers.graded.appearance import (
-    appearance_of,
-    has_large_steps,
-    nearest_marker,
-    painted_map,
-)
+from spikingtac.calibration.disc_profile import Discs, nearest_marker
+from spikingtac.markers.graded.appearance import has_large_steps, painted_map, steps_of
 from spikingtac.state_map.graded import STEP_DEFAULT
 from stand_ins.known import known
 
@@ -21,10 +17,8 @@ def test_a_markers_own_values_come_before_the_sensors() -> None:
     calibration = replace(
         PLAIN, edge_px=0.7, step_off=0.2, marker_step_off=np.array([0.3, 0.4]), step_on=0.11
     )
-    appearance = appearance_of(calibration)
-    assert [profile.edge_px for profile in appearance.profiles] == [0.7, 0.7]
-    np.testing.assert_array_equal(appearance.step_off, [0.3, 0.4])
-    np.testing.assert_array_equal(appearance.step_on, [0.11, 0.11])
+    np.testing.assert_array_equal(Discs.of(calibration).edge_px, [0.7, 0.7])
+    np.testing.assert_array_equal(steps_of(calibration), [[0.11, 0.11], [0.3, 0.4]])
 
 
 def test_pixels_without_a_step_of_their_own_take_their_markers() -> None:
@@ -37,13 +31,14 @@ def test_pixels_without_a_step_of_their_own_take_their_markers() -> None:
 
 
 @pytest.mark.parametrize("whole", [True, False])
-def test_the_first_of_equally_near_markers_owns_a_pixel(whole: bool) -> None:
+def test_the_nearest_marker_owns_a_pixel(whole: bool) -> None:
     rng, size = np.random.default_rng(4), (150, 70)
     reference_px = rng.random((40, 2)) * size
     reference_px = np.round(reference_px) if whole else reference_px
     rows, columns = np.mgrid[0 : size[1], 0 : size[0]]
-    away = [(columns - x) ** 2 + (rows - y) ** 2 for x, y in reference_px]
-    np.testing.assert_array_equal(nearest_marker(reference_px, size), np.argmin(away, axis=0))
+    away2 = np.array([(columns - x) ** 2 + (rows - y) ** 2 for x, y in reference_px])
+    own2 = np.take_along_axis(away2, nearest_marker(reference_px, size)[np.newaxis], axis=0)
+    np.testing.assert_allclose(own2[0], away2.min(axis=0))
 
 
 def test_steps_are_large_by_the_larger_one_unless_pixels_recover() -> None:

@@ -120,7 +120,7 @@ def test_a_marker_alone_is_where_it_was_found() -> None:
 
 @pytest.mark.parametrize("name", ["backlash", "shrink", "leak_per_s"])
 def test_a_negative_share_is_refused(name: str) -> None:
-    with pytest.raises(ConfigError, match=rf"{name} is -0\.1, it must not be negative"):
+    with pytest.raises(ConfigError, match=rf"{name} is -0\.1, valid are 0"):
         GradedTrackerConfig(**{name: -0.1})
 
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spikingtac.events.hot_pixels import HotPixelWatch
 from spikingtac.markers.graded.appearance import DEAD_US, painted_levels
 from spikingtac.markers.graded.disc_locator import FAST_DEAD_TIMES, LEAST_SEEN, DiscLocator
 from spikingtac.markers.graded.motion import (
@@ -139,8 +138,7 @@ def test_events_count_for_the_marker_around_which_they_lie_also_far_from_its_res
     locator.locate(2_000, nobody)
     columns = np.array([30, 37, 55, 48, 77, 70], np.uint16)
     events = columns, np.full(6, 30, np.uint16), np.ones(6, np.bool_), np.arange(6)
-    watch = HotPixelWatch(None, (100, 60), locator.map.pixels)
-    locator.absorb(EventPacket(*events, 0, 6, (100, 60)), watch)
+    locator.absorb(EventPacket(*events, 0, 6, (100, 60)))
     assert locator.pending.tolist() == [2, 2, 2], "not what it left"
     assert locator.event_count.tolist() == [2, 2, 2]
     locator.place(np.array([True, False]), REST_PX)
@@ -157,7 +155,7 @@ def test_the_map_and_the_counts_are_those_of_the_plain_twin(dead_us: float | Non
     t = np.sort(rng.integers(0, 9_000, 6_000))
     packet = EventPacket(x.astype(np.uint16), y.astype(np.uint16), p, t, 0, 9_000, (100, 60))
     locator.pending[:] = 0
-    locator.absorb(packet, HotPixelWatch(None, (100, 60), locator.map.pixels))
+    locator.absorb(packet)
     last: dict[tuple[int, int], tuple[int, bool]] = {}
     for i in range(len(packet)):
         place, event = (int(x[i]), int(y[i])), (int(t[i]), bool(p[i]))

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from spikingtac.calibration.disc_profile import Discs
 from spikingtac.config import load_config
-from spikingtac.markers.graded.appearance import appearance_of, fit_window
+from spikingtac.markers.graded.appearance import fit_window, steps_of
 from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.map_leak import (
     LARGEST_FALL,
@@ -57,10 +58,9 @@ def test_nothing_leaks_around_a_marker_that_snapped_away_or_sent_nothing_for_a_s
 
 
 def test_of_half_a_step_the_tolerance_stays() -> None:
-    appearance = appearance_of(CALIBRATION)
-    step, profile = float(appearance.mean_step[0]), appearance.profiles[0]
+    step, discs = float(steps_of(CALIBRATION)[:, 0].mean()), Discs.of(CALIBRATION)
     # Outside of a disc its level is that where its edge ends.
-    end = float(profile.level(fit_window([profile], SIZE[0], 16.0).edge[0, 1]))
+    end = float(discs.level(fit_window(discs, SIZE[0], 16.0).edge[:, 1])[0])
     left, begun = leaked(300_000, level=0.5 * step), leaked(0, level=0.5 * step)
     expected = np.minimum(begun, TOLERANCE * step + end)
     np.testing.assert_allclose(left, expected, atol=0.05 * step)
