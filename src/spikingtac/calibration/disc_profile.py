@@ -35,11 +35,12 @@ EDGE_DEFAULT_PX = 0.55
 
 @dataclass(frozen=True)
 class DiscProfile:
-    """S(q) of one sensor; see the module for the formula.
+    """S(q) of one disc, or of many; see the module for the formula.
 
     Attributes:
-        contrast: Intensity of the disc over that of the ground, above 1.
-        edge_px: Logistic scale of the edge, px.
+        contrast: Intensity of the disc over that of the ground, above 1; one number, or one for
+            each disc.
+        edge_px: Logistic scale of the edge, px; the same.
     """
 
     contrast: Any
@@ -115,16 +116,16 @@ def nearest_marker(reference_px: FloatArray, size: tuple[int, int]) -> NDArray[n
     from scipy.spatial import KDTree  # 0.1 s that other verbs need not wait
 
     y, x = np.indices(size[::-1]).reshape(2, -1)
-    return KDTree(reference_px).query(np.column_stack([x, y]))[1].reshape(size[::-1])
+    _, owner = KDTree(reference_px).query(np.column_stack([x, y]))
+    return np.reshape(owner, size[::-1]).astype(np.int64)
 
 
-def nearest_rims(
-    calibration: Calibration,
-) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+def nearest_rims(calibration: Calibration) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
     """Return for each pixel the nearest marker, the way from its centre, and from its rim, px."""
     owner = nearest_marker(calibration.reference_px, calibration.size)
-    way_px = np.stack(np.indices(owner.shape)[::-1], axis=2) - calibration.reference_px[owner]
-    return owner, way_px, np.hypot(*np.moveaxis(way_px, 2, 0)) - calibration.radius_px[owner]
+    y, x = np.indices(owner.shape)
+    way_px = np.stack([x, y], axis=2) - calibration.reference_px[owner]
+    return owner, way_px, np.linalg.norm(way_px, axis=2) - calibration.radius_px[owner]
 
 
 @njit(cache=True)

@@ -71,7 +71,9 @@ class DiscLocator:
 
     Attributes:
         map: The graded state map.
+        hot: Pixels that are or become hot; their events are ignored.
         window: The pixels that fits read, and the edge profiles of the markers.
+        scratch: For the pixels of a disc, in fits and in the leak.
         markers: ``(m,)`` records (:data:`~spikingtac.markers.graded.motion.MARKER`).
         outline_px: ``(m, 3)`` radius and second harmonic of each disc, px.
         pending: ``(m + 1,)`` events in each marker's gate since its last fit; the last element
@@ -105,7 +107,7 @@ class DiscLocator:
         self._at_rest["radius_px"] = radius_px
         self._at_rest["needed"] = np.ceil(DUE_PX * events_per_px(calibration)).clip(1.0)
         self._dead_bands = dead_bands
-        self._dead_us, self._hot_px = dead_time_of(calibration), calibration.hot_px
+        self._dead_us, self._calibration = dead_time_of(calibration), calibration
         self.map = painted_map(calibration, 0.0 if dead_bands else HALF_STEP)
         self.reset()
 
@@ -113,7 +115,7 @@ class DiscLocator:
         """Forget everything but the calibration: the markers rest, the map is as painted."""
         count, pixels = len(self._at_rest), self.map.pixels
         self.map.reset()
-        self.hot = HotPixelWatch(self._hot_px, pixels.shape[::-1], pixels)
+        self.hot = HotPixelWatch(self._calibration.hot_px, self._calibration.size, pixels)
         self.markers = self._at_rest.copy()
         self.outline_px = np.pad(self.markers["radius_px"][:, np.newaxis], ((0, 0), (0, 2)))
         self.pending, self.fitted_events = np.zeros((2, count + 1), np.int64)
