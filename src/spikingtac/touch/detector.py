@@ -54,7 +54,7 @@ NOISE_FACTOR = 6.0  # Times the strength at rest that a touch must exceed.
 MOST_FLOORS = 5.0
 
 SETTLE_US = 500_000  # Time after a release within which the rest follows whatever falls, us.
-START_US = 100_000  # Time from the first frame on that is rest, us.
+START_US = 100_000  # Time from the first frame on that is rest unless the skin moves, us.
 RESTING_US = 2_000_000  # Time constant of the rest otherwise, us.
 
 # Strength against the calibrated rest up to which that holds (a real gel, which creeps,
@@ -110,7 +110,7 @@ class TouchDetector:
         self._open: OpenTouch | None = None
         self._lost.reset()
         self._zero = np.zeros_like(self._reference)
-        self._moved = self._tracked = np.zeros_like(self._reference)
+        self._moved = self._tracked = self._start = np.zeros_like(self._reference)
         self._lost_before = self._lost.lost
         self._rest_strength = 0.0
         self._first_us: int | None = None
@@ -156,9 +156,11 @@ class TouchDetector:
         if moved is not seen and self._open is not None:
             lost = (self._lost.lost & self._lost_before)[:, None]
             self._tracked = np.where(lost, moved, seen)
-        self._first_us = frame.t_us if self._first_us is None else self._first_us
+        if self._first_us is None:
+            self._first_us, self._start = frame.t_us, moved
         begins = frame.t_us - self._first_us < START_US
-        if begins and self._gradient.strength_of(moved) < START_STRENGTH:
+        rests = self._gradient.strength_of(moved - self._start) < self._floor
+        if begins and rests and self._gradient.strength_of(moved) < START_STRENGTH:
             self._zero = moved
         elapsed_us = 0 if self._last_us is None else frame.t_us - self._last_us
         self._last_us = frame.t_us

@@ -60,6 +60,12 @@ def test_a_gel_that_has_crept_off_its_calibrated_rest_is_at_rest() -> None:
     assert touch.begin_us / 1e6 == pytest.approx(0.8, abs=0.010)
 
 
+def test_a_recording_may_begin_with_a_touch() -> None:
+    first, second = touches(watch(lambda t: 4 * pulse(t, 0.0, 0.9) + 4 * pulse(t, 1.3, 2.2), 3.0))
+    assert first.begin_us < 100_000
+    assert [first.end_us, second.end_us] == pytest.approx([900_000, 2_200_000], abs=100_000)
+
+
 @pytest.mark.parametrize(("later_s", "told"), [(0.08, 1), (0.6, 2)])
 def test_a_faint_strain_right_after_a_release_belongs_to_it(later_s: float, told: int) -> None:
     def tailed(t_s: float) -> float:
