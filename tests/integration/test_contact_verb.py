@@ -50,8 +50,7 @@ def test_a_recording_that_begins_with_a_contact(calibrated: Path, verbs: Verbs) 
     verbs.told("convert", calibrated, cut, "--from-us", int(touched[0]))
     found = verbs.told("contact", cut)
     assert "begins in contact" in verbs.err
-    assert found["quiet"]["source"] == "quietest"
-    assert found["quiet"]["seconds"] == 0.3
+    assert (found["quiet"]["source"], found["quiet"]["seconds"]) == ("quietest", 0.3)
     (contact,) = found["contacts"]
     assert 0 < contact["t_us"] - touched[0] < 100_000
     assert abs(contact["end_us"] - touched[-1]) < 100_000

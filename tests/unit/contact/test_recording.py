@@ -52,6 +52,5 @@ def test_a_burst_at_the_start_is_neither_learned_nor_a_contact() -> None:
 
 
 def test_the_quietest_stretch_is_the_one_with_the_fewest_events() -> None:
-    counts = [9] * 100 + [2, 1] * 150 + [9] * 200
-    source = [window(number, count) for number, count in enumerate(counts)]
+    source = list(map(window, range(600), [9] * 100 + [2, 1] * 150 + [9] * 200))
     assert quietest([source]) == (100, 400)  # type: ignore[list-item]

@@ -31,11 +31,9 @@ def swaying_discs() -> PacketSource:
 
 def test_steps_are_learned_and_places_stay() -> None:
     found = completed(swaying_discs(), BY_HAND)
-    assert found.step_on == pytest.approx(STEP, rel=0.15)
-    assert found.step_off == pytest.approx(STEP, rel=0.15)
+    assert [found.step_on, found.step_off] == pytest.approx([STEP, STEP], rel=0.15)
     np.testing.assert_array_equal(found.reference_px, REST_PX)
-    assert found.grid is None
-    assert found.px_per_mm == 9.0
+    assert (found.grid, found.px_per_mm) == (None, 9.0)
 
 
 @pytest.mark.parametrize("known", [TOLD, BY_HAND])
