@@ -97,6 +97,9 @@ HOT_HZ = 8.0
 # expected number is below 3 with a confidence of 95 %.)
 PRIOR_EVENTS = 3.0
 
+# Events of which at least one must lie on a rim: rims cover a tenth of the sensor.
+RIM_EVENTS = 100
+
 # Largest imbalance of the leak between opposite directions, as a share of all leak events: after
 # a contact one side of each rim is closer to its threshold (measured on the twin, 1 s after one).
 LEAK_BIAS = 0.5
@@ -168,8 +171,8 @@ def _require_evidence(counts: list[int], fired: list[NDArray[np.int64]]) -> None
             f"{len(counts)} quiet windows are too few for the sequential motion detector, at least "
             f"{LEAST_WINDOWS} are needed; record the moving arm for longer (a minute is good)"
         )
-    # A sensor without noise sends nothing.
-    if any(counts) and not any(times.any() for times in fired):
+    few = 0 < sum(counts) < RIM_EVENTS
+    if not few and not any(times.any() for times in fired):
         raise CalibrationError(
             f"none of the {sum(counts)} events of {len(counts)} quiet windows lies on the markers' "
             "rims: check the camera, and whether the calibration is this sensor's"

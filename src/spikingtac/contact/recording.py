@@ -107,11 +107,13 @@ def leading_quiet(sources: Sequence[EventSource]) -> tuple[int, int]:
 def quietest(sources: Sequence[EventSource]) -> tuple[int, int]:
     """Return the first and the last (exclusive) of the 300 windows with the fewest events.
 
-    For recordings that begin in contact, as those of a sensor without noise do.
+    For recordings that begin in contact, as those of a sensor without noise do. At least one event
+    is among them, since a dead camera teaches nothing.
     """
     stream = islice(paired_windows(sources), MOST_WINDOWS)
     sums = np.cumsum([0, *map(count_of, stream)])
-    begin = int((sums[LEAST_QUIET_WINDOWS:] - sums[:-LEAST_QUIET_WINDOWS]).argmin())
+    counts = sums[LEAST_QUIET_WINDOWS:] - sums[:-LEAST_QUIET_WINDOWS]
+    begin = int(np.where(counts > 0, counts, sums[-1] + 1).argmin())
     return begin, begin + LEAST_QUIET_WINDOWS
 
 

@@ -41,9 +41,8 @@ FAINT_SHARE = 0.95
 # that recover let the markers fall back one by one for 0.6 s (measured on a recorded gel).
 TAIL_US, TAIL_SHARE = 150_000, 0.3
 
-# Least change of displacement over a pitch, root mean square, as a share of the shift that all
-# markers share. Trackers err by some hundredths of a shift, which strains nothing (0.02
-# under a plate that shifts the skin by 15 px; touches reach 0.8 and more).
+# Least change of displacement over a pitch, rms, as a share of the shift that all markers share.
+# Trackers err by hundredths of it (0.02 under a plate that shifts by 15 px; touches reach 0.8).
 COMMON_SHARE = 0.1
 
 NOISE_FACTOR = 6.0  # Times the strength at rest that a touch must exceed.
@@ -54,7 +53,9 @@ NOISE_FACTOR = 6.0  # Times the strength at rest that a touch must exceed.
 MOST_FLOORS = 5.0
 
 SETTLE_US = 500_000  # Time after a release within which the rest follows whatever falls, us.
-START_US = 100_000  # Time from the first frame on that is rest unless the skin moves, us.
+# Time from the first frame on that is rest, us, unless the skin moves from the second time on by
+# this share of the threshold (a camera's burst is over by then, a press is not).
+START_US, LATE_US, LATE_SHARE = 100_000, 80_000, 0.5
 RESTING_US = 2_000_000  # Time constant of the rest otherwise, us.
 
 # Strength against the calibrated rest up to which that holds (a real gel, which creeps,
@@ -110,7 +111,8 @@ class TouchDetector:
         self._open: OpenTouch | None = None
         self._lost.reset()
         self._zero = np.zeros_like(self._reference)
-        self._moved = self._tracked = self._start = np.zeros_like(self._reference)
+        self._moved = self._tracked = np.zeros_like(self._reference)
+        self._start = self._zero, self._zero  # First displacements, and those after 80 ms.
         self._lost_before = self._lost.lost
         self._rest_strength = 0.0
         self._first_us: int | None = None
@@ -156,12 +158,7 @@ class TouchDetector:
         if moved is not seen and self._open is not None:
             lost = (self._lost.lost & self._lost_before)[:, None]
             self._tracked = np.where(lost, moved, seen)
-        if self._first_us is None:
-            self._first_us, self._start = frame.t_us, moved
-        begins = frame.t_us - self._first_us < START_US
-        rests = self._gradient.strength_of(moved - self._start) < self._floor
-        if begins and rests and self._gradient.strength_of(moved) < START_STRENGTH:
-            self._zero = moved
+        self._begin(frame.t_us, moved)
         elapsed_us = 0 if self._last_us is None else frame.t_us - self._last_us
         self._last_us = frame.t_us
         if self._open is not None:
@@ -178,6 +175,20 @@ class TouchDetector:
             return self._follow(self._open, frame.t_us, moved)
         self._rest(elapsed_us, moved, strength)
         return None
+
+    def _begin(self, t_us: int, moved: FloatArray) -> None:
+        """Follow the rest in the first frames; a skin that still moves then is pressed."""
+        if self._first_us is None:
+            self._first_us, self._start = t_us, (moved, moved)
+        elapsed_us, (first, late) = t_us - self._first_us, self._start
+        if elapsed_us < START_US:
+            self._start = first, moved if elapsed_us < LATE_US else late
+            if self._gradient.strength_of(moved) < START_STRENGTH:
+                self._zero = moved
+        elif late is not first:
+            if self._gradient.strength_of(moved - late) > LATE_SHARE * self._floor:
+                self._zero = first
+            self._start = first, first
 
     def finish(self) -> Touch | None:
         """Return the touch that is still open at the end, without an end."""

@@ -37,9 +37,9 @@ IN_CONTACT = (
     "learned from its quietest 0.3 s; a recording without contact gives better ones: --quiet"
 )
 
-# Mean displacement over 0.1 s, px, of so many markers that it is a contact: an arm shakes them to
-# and fro, and more often.
-MOVED_PX, MOVED_MARKERS, MOVED_WINDOWS = 0.5, 3, 100
+# Change of the mean displacement over 0.1 s, px, of so many markers that it is a contact: an arm
+# shakes them to and fro, and more often. A camera's burst displaces them in the first 0.1 s only.
+MOVED_PX, MOVED_MARKERS, MOVED_WINDOWS = 0.3, 3, 100
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,15 +180,15 @@ def _moves(source: events.FileSource, calibration: st.Calibration, first: int) -
     """
     tracker = st.make_tracker(st.load_config("default").tracking, calibration)
     stream = st.windows(source, contact.WINDOW_US)
-    moved_px = np.zeros_like(calibration.reference_px)
-    for number, window in enumerate(islice(stream, first + contact.LEAST_QUIET_WINDOWS), 1):
+    places_px = []
+    for window in islice(stream, first + contact.LEAST_QUIET_WINDOWS):
         tracker.absorb(window)
-        moved_px += tracker.estimate(window.t_end_us).displacement_px / MOVED_WINDOWS
-        if number % MOVED_WINDOWS == 0:
-            if (np.linalg.norm(moved_px, axis=1) > MOVED_PX).sum() >= MOVED_MARKERS:
-                return True
-            moved_px[:] = 0.0
-    return False
+        places_px.append(tracker.estimate(window.t_end_us).displacement_px)
+    whole = len(places_px) // MOVED_WINDOWS * MOVED_WINDOWS
+    means_px = np.reshape(places_px[:whole], (-1, MOVED_WINDOWS, len(calibration.radius_px), 2))
+    means_px = means_px.mean(axis=1)[1:]
+    moved_px = np.linalg.norm(means_px - means_px[:1], axis=2)
+    return bool(((moved_px > MOVED_PX).sum(axis=1) >= MOVED_MARKERS).any())
 
 
 def _quiet(source: str, learned: contact.DetectorSummary) -> dict[str, Any]:

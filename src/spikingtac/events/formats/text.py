@@ -3,6 +3,7 @@
 import io
 import itertools
 import re
+import warnings
 from collections import Counter
 from collections.abc import Iterator
 from math import isfinite
@@ -138,7 +139,8 @@ class TextSource(columns.TableSource):
     def _table(self, text: bytes) -> FloatArray:
         """Return the lines that parse, ``(n, columns)``: at once if all do, else one by one."""
         try:
-            table = np.loadtxt(io.BytesIO(text), comments="#", ndmin=2, encoding="latin-1")
+            with warnings.catch_warnings(action="ignore"):  # a block without numbers is empty
+                table = np.loadtxt(io.BytesIO(text), comments="#", ndmin=2, encoding="latin-1")
             if table.shape[1] != self._width:
                 raise ValueError("another number of columns")
         except ValueError:

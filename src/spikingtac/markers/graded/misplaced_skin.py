@@ -67,22 +67,36 @@ class MisplacedSkin:
             dt_s: Time in which they came, s.
             noise_per_s: ``(m + 1,)`` background events in the same places, 1/s.
         """
-        pixels, rest_px = state_map.pixels, self._rest_px
-        light, error, points, away_px, speed_px_s = rest_light_kernel(
-            state_map.values, pixels, rest_px, markers
+        light, error, away_px, at_rest, tracked = signs_kernel(
+            state_map.values, state_map.pixels, self._rest_px, markers, counts, dt_s, noise_per_s
         )
-        still = away_px >= DISPLACED_PX and speed_px_s <= STILL_PX_S
-        at_rest = tracked = 0.0
-        if still and counts.sum() >= NEW_EVENTS + 2.0 * dt_s * noise_per_s.sum():
-            at_rest, tracked = rim_events_kernel(pixels, rest_px, markers)
         self._away_px = min(self._away_px, away_px)
         if away_px > self._away_px + FARTHER_PX:
             self._light, self._away_px = light, away_px
         rise = light - self._light
         self._light += rise * -math.expm1(-dt_s / LIGHT_MEMORY_S)
-        told = still and points >= LEAST_POINTS
-        released = told and rise > max(LIGHT_RISE, RISE_ERRORS * error)
+        released = rise > max(LIGHT_RISE, RISE_ERRORS * error)
         return released or at_rest >= max(RIM_EVENTS, RIM_RATIO * tracked)
+
+
+@kernel()
+def signs_kernel(
+    levels: Array, pixels: Array, rest_px: Array, markers: Array, counts: Array, dt_s: float,
+    noise_per_s: Array,
+) -> tuple[float, float, float, float, float]:  # pragma: no cover - compiled # fmt: skip
+    """Return the light at the rests and its standard error, and events on both kinds of rims.
+
+    Between both stands the mean displacement, px. The error is infinite while the skin is at rest
+    or in motion, or where there are too few points. Events are counted if the skin stands still and
+    more of them come than the background.
+    """
+    light, error, points, away_px, speed_px_s = rest_light_kernel(levels, pixels, rest_px, markers)
+    still = away_px >= DISPLACED_PX and speed_px_s <= STILL_PX_S
+    at_rest = tracked = 0.0
+    if still and counts.sum() >= NEW_EVENTS + 2.0 * dt_s * noise_per_s.sum():
+        at_rest, tracked = rim_events_kernel(pixels, rest_px, markers)
+    error = error if still and points >= LEAST_POINTS else np.inf
+    return light, error, away_px, at_rest, tracked
 
 
 @kernel()
