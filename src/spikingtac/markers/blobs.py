@@ -23,6 +23,11 @@ UNMATCHED = -1  # What a marker without a centroid gets.
 # level in (0, 1] is the same.
 HALF_LEVEL = 0.5
 
+# Smallest area, px: an eighth of the paper's marker (radius 7 px, area 154); noise at 1 Hz/px
+# hardly ever makes 20 connected pixels behind a median filter. Largest area, px: two touching
+# markers of radius 15 px still pass, a lit half of the sensor does not.
+SMALLEST_PX, LARGEST_PX = 20.0, 2_000.0
+
 # Areas of a blob that may be a marker, as shares of the smallest and the largest disc. (A
 # smaller piece of a disc need not contain its centre; at a sudden release such pieces of the
 # erased footprint lie nearer than the marker and would capture its identity. Motion stretches a
@@ -52,7 +57,7 @@ class Blobs:
 def find_blobs(
     state_map: NDArray[np.float32],
     threshold: float = HALF_LEVEL,
-    areas_px: tuple[float, float] = (1.0, np.inf),
+    areas_px: tuple[float, float] = (SMALLEST_PX, LARGEST_PX),
 ) -> Blobs:
     """Return the blobs of a map.
 

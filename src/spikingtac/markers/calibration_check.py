@@ -10,7 +10,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spikingtac.calibration.disc_profile import nearest_marker
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.hot_pixels import HotPixelFilter
 from spikingtac.markers.graded.appearance import painted_levels
@@ -84,8 +83,7 @@ class CalibrationCheck:
     """
 
     def __init__(self, calibration: Calibration) -> None:
-        owner = nearest_marker(calibration.reference_px, calibration.size)
-        level = painted_levels(calibration)
+        level, owner = painted_levels(calibration)
         outside = (level > OUTSIDE_LEVELS[0]) & (level < OUTSIDE_LEVELS[1])
         tested = outside | (level > INSIDE_LEVELS[0]) & (level < INSIDE_LEVELS[1])
         if calibration.marker_measured is not None:

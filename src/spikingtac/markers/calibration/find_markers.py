@@ -165,8 +165,8 @@ def survey(
     Raises:
         CalibrationError: There are no markers.
     """
-    spans_us, (start_us, end_us) = find_rests(events), (events.t_start_us, events.t_end_us)
-    rests_us = spans_us
+    spans_us = rests_us = find_rests(events)
+    start_us, end_us = events.t_start_us, events.t_end_us
     hazy = noise_rates(events, rests_us).sum() * 1e-6 * (end_us - start_us) >= HAZE_EVENTS
     shown = BackgroundActivityFilter(events.size)(events) if hazy else events
     steps = mean_steps(events, moving_events(events, rests_us))
@@ -197,7 +197,7 @@ def clutter(level: NDArray[np.float32]) -> float:
     The right polarity shows fewer and rounder spots: the discs, and not the area that they swept.
     (Markers that move by less than their diameter sweep less than they cover.)
     """
-    spots = find_blobs(smoothed(level))
+    spots = find_blobs(smoothed(level), areas_px=(1.0, np.inf))
     return float(spots.area_px.sum() ** 2 / max(spots.area_px @ spots.roundness, 1e-9))
 
 

@@ -196,10 +196,9 @@ def tracked(view: Overview, index: NDArray[np.int64], model: Model, rest_px: Flo
         marker_step_off=model.off[seen],
         recovery_s=model.recovery_s or None,
     )
-    at_us, rest = times_at(view.events, index).tolist(), view.events
-    packets = []
-    for end_us in at_us:
-        packet, rest = rest.split(end_us)
+    packets, further = [], view.events
+    for end_us in times_at(view.events, index).tolist():
+        packet, further = further.split(end_us)
         packets.append(packet)
     center_px = model.center_px.copy()
     for place_px, frame in zip(center_px, followed(packets, known), strict=True):

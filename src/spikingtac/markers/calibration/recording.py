@@ -85,7 +85,8 @@ BIN_US, SMOOTH_BINS = 10_000, 5
 # Limit of a quiet bin, as a share of the range from the quietest bins (the fifth percentile) to the
 # busy ones (measured: creep after a contact is 0.01 to 0.02). The quietest bins are those around,
 # since noise grows with each motion: pixels then lie nearer to their thresholds. (Over the whole
-# recording five of twelve simulated sensors lack a fifth to three quarters of their rests.)
+# recording, which is the least limit now, five of twelve simulated sensors lack a fifth to three
+# quarters of their rests.)
 QUIET_SHARE, QUIET_PERCENTILE, AROUND_BINS = 0.03, 5.0, 300
 
 # Lower bound of that limit, in standard deviations of Poisson noise above the quietest bins: counts

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.calibration.disc_profile import DiscProfile, Discs, nearest_marker, nearest_rims
+from spikingtac.calibration.disc_profile import DiscProfile, Discs, nearest_rims
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.state_map.graded import HALF_STEP, PAD_PX, STEP_DEFAULT, GradedStateMap
 from spikingtac.types import FloatArray
@@ -94,24 +94,25 @@ def dead_time_of(calibration: Calibration) -> float:
 
 def painted_map(calibration: Calibration, lead_steps: float = HALF_STEP) -> GradedStateMap:
     """Return the map of a sensor at rest; for ``lead_steps`` see :class:`GradedStateMap`."""
-    own = steps_of(calibration)[:, nearest_marker(calibration.reference_px, calibration.size)]
+    levels, owner = painted_levels(calibration)
+    own = steps_of(calibration)[:, owner]
     known = calibration.step_on_map, calibration.step_off_map
     for step, share, known_step in zip(own, _step_shares(calibration), known, strict=True):
         if known_step is not None:
             np.copyto(step, share * known_step, where=known_step > 0.0)
     return GradedStateMap(
-        painted_levels(calibration),
+        levels,
         *own.astype(np.float32),
         dark_markers=calibration.polarity == "dark",
         lead_steps=lead_steps,
     )
 
 
-def painted_levels(calibration: Calibration) -> NDArray[np.float32]:
-    """Return ``(height, width)`` levels of the calibrated discs at rest."""
+def painted_levels(calibration: Calibration) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """Return ``(height, width)`` levels of the discs at rest, and each pixel's nearest marker."""
     (owner, _, q_px), discs = nearest_rims(calibration), Discs.of(calibration)
     own = DiscProfile(discs.contrast[owner], discs.edge_px[owner])
-    return own.level(q_px).astype(np.float32)
+    return own.level(q_px).astype(np.float32), owner
 
 
 def crossing_px(calibration: Calibration) -> FloatArray:

@@ -71,8 +71,8 @@ class GradedTrackerConfig:
     dead_bands: bool = True
 
     def __post_init__(self) -> None:
-        positive = 0.0, np.inf
-        require_within(self, leak_per_s=positive, backlash=positive, shrink=positive)
+        not_negative = 0.0, np.inf
+        require_within(self, leak_per_s=not_negative, backlash=not_negative, shrink=not_negative)
 
 
 class GradedTracker:

@@ -32,7 +32,7 @@ def moved_by(shift_px: float, dead_us: float | None = None) -> DiscLocator:
     """Return a locator whose map shows the discs elsewhere; it has made its first estimate."""
     locator = DiscLocator(replace(CALIBRATION, dead_time_us=dead_us))
     elsewhere = replace(CALIBRATION, reference_px=REST_PX + np.array([shift_px, 0.0]))
-    locator.map.values[:] = painted_levels(elsewhere)
+    locator.map.values[:], _ = painted_levels(elsewhere)
     locator.locate(0, np.zeros(2, np.bool_))
     return locator
 
