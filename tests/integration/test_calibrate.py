@@ -170,6 +170,22 @@ def test_events_of_hot_pixels_are_ignored() -> None:
     assert errors_px(found, truth_px).max() < 0.15
 
 
+def test_a_disc_that_follows_a_glare_is_put_back_amid_its_neighbours() -> None:
+    # It came to lie 10.5 px off, on the glare, as one of the measured markers.
+    size = (200, 160)
+    truth_px = markers(3, 4, size, 40.0)
+    events, ways_px = slides_of(truth_px, 7.0, size), AMPLITUDE_PX * np.array(DIRECTIONS)
+    glare = trips_of(truth_px[5:6] + 8.0, 9.0, size, 2.0 * ways_px[:, np.newaxis])
+    columns = [np.append(getattr(events, name), getattr(glare, name)) for name in "txyp"]
+    order = np.argsort(columns[0], kind="stable")
+    mixed = packet_of(*(column[order] for column in columns), size, (0, events.t_end_us))
+    found = calibrate(PacketSource([mixed], size), estimate_lag=False)
+    assert found.provenance["missing"] == [5]
+    off_px = errors_px(found, truth_px)
+    assert off_px[5] < 3.0
+    assert np.delete(off_px, 5).max() < 0.15
+
+
 def test_a_haze_of_noise_hides_no_markers() -> None:
     # 24 events of noise in every pixel add up to any level: it was refused as no grid of markers.
     truth_px, events = pressed_discs(9.0, rest_us=1_500_000)

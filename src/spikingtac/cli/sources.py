@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager
@@ -162,6 +163,11 @@ def open_two(first: Path, second: Path, *, strict: bool = False) -> list[events.
             f"are. If both timed one line: spikingtac align {first} {second} --by triggers -o PAIR"
         )
     return [st.open_events(first, strict=strict), source]
+
+
+def anomalies_of(*sources: st.EventSource) -> dict[str, int]:
+    """Return how often each kind of damage was met in what was read."""
+    return dict(sum((Counter(dict(one.losses.kinds())) for one in sources), Counter[str]()))
 
 
 def for_each(

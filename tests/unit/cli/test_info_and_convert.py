@@ -39,6 +39,16 @@ def test_info_prints_the_contracts_keys(recorded: Path, verbs: Verbs) -> None:
     assert found["anomalies"] == {}
 
 
+def test_verbs_that_only_read_count_damage(recorded: Path, verbs: Verbs) -> None:
+    with recorded.open("ab") as file:
+        file.write(b"\x90")
+    assert verbs.told("info", recorded)["anomalies"] == {"truncated": 1}
+    output = recorded.with_name("events.png")
+    assert verbs.told("plot", recorded, "-o", output)["anomalies"] == {"truncated": 1}
+    said = verbs.said("plot", recorded, "-o", output, "--overwrite")
+    assert "truncated 1 times in the recording" in said
+
+
 def test_what_a_recording_does_not_hold_is_refused(recorded: Path, verbs: Verbs) -> None:
     assert "holds no sensor 1" in verbs.said("info", recorded, "--sensor", 1, code=2)
     target, too_far = recorded.with_name("b.npz"), 1 << 62

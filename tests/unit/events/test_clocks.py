@@ -223,8 +223,12 @@ def test_align_puts_events_and_edges_on_the_first_clock(tmp_path: Path, verbs: V
         edges.append(seen, 1, True)
         edges.append(last, 4, True)
         save_events(tmp_path / name, packet_of(t, x, y, x > y, (320, 320)), triggers=edges)
+    with (tmp_path / "right.raw").open("ab") as file:
+        file.write(b"\x90")
     given = "align", tmp_path / "left.npz", tmp_path / "right.raw"
-    told = verbs.told(*given, "--trigger-channel", 1, "-o", tmp_path / "pair")["time_base"]
+    document = verbs.told(*given, "--trigger-channel", 1, "-o", tmp_path / "pair")
+    assert document["anomalies"]["truncated"] == 1
+    told = document["time_base"]
     assert told["learned_from"] == "triggers"
     assert abs(told["drift_ppm"] + DRIFT_PPM) < 4.0 * told["drift_error_ppm"] < 1.0
     right = np.concatenate([packet.t for packet in open_events(tmp_path / "pair", sensor=1)])

@@ -233,7 +233,7 @@ def _notes(calibration: st.Calibration, found: dict[str, Any]) -> list[str]:
         f"Left out, since they lie beyond the border: {len(left_out)}.": left_out,
         f"{len(stray)} spots move like markers and belong to no row: {places}.": stray,
         f"The grid {fits} fits all that moves: give --grid {fits}.": found["fitting_grid"],
-        f"Never moved, expected from the others: {'; '.join(missing)}.": missing,
+        f"Hardly moved, or hidden; expected from the others: {'; '.join(missing)}.": missing,
         f"Doubtful, since discs explain little of them: {'; '.join(doubtful)}.": doubtful,
     }
     counted = messages.counted(found["anomalies"])

@@ -1,6 +1,5 @@
 """``spikingtac contact``: say when something touched, from raw events in 1 ms windows."""
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -16,6 +15,7 @@ from spikingtac import contact, events, stream
 from spikingtac.cli.messages import Table, counted, progress, remark, tell
 from spikingtac.cli.options import RealtimeArgs
 from spikingtac.cli.sources import (
+    anomalies_of,
     ask_for_real_time,
     checked,
     ending_on_interrupt,
@@ -89,7 +89,7 @@ def run(args: Args) -> int:
     if args.realtime:
         ask_for_real_time()
     found = _found(seen, detector, first)
-    anomalies = sum((Counter(dict(one.losses.kinds())) for one in sources), Counter[str]())
+    anomalies = anomalies_of(*sources)
     document = {
         "contacts": found,
         "detector": name,
@@ -97,7 +97,7 @@ def run(args: Args) -> int:
         "budget_per_hour": config.false_alarms_per_hour,
         "rule": learned.rule,
         "quiet": _quiet(learned_from, learned),
-        "anomalies": dict(anomalies),
+        "anomalies": anomalies,
         "health": [source.counters().summary() for source in sources],
         "calibration_misfit": " ".join(filter(None, (getattr(one, "misfit", "") for one in seen)))
         or None,

@@ -9,7 +9,7 @@ import tyro
 import spikingtac as st
 from spikingtac import events
 from spikingtac.batch.run import write_rows
-from spikingtac.cli.messages import figures, tell, warn
+from spikingtac.cli.messages import counted, figures, tell, warn
 from spikingtac.cli.options import Output, WriteArgs
 from spikingtac.file_kinds import TOLD, digest_of, kind_of
 from spikingtac.plots.figure import EventKind, ThemeName, WidthName, save_figure
@@ -79,16 +79,19 @@ def run(args: Args) -> int:
     args.refuse("is for one moment", "at_s", where=animated or kind in OF_ALL_TIMES)
     args.claim(output)
     told = _of_tracks(args, output, kind) if tracked else _of_events(args, output, kind)
-    return tell(args.json, {"output": str(output), "kind": kind, **told}, f"written: {output}")
+    document = {"output": str(output), "kind": kind, **told}
+    return tell(args.json, document, *counted(told.get("anomalies", {})), f"written: {output}")
 
 
 def _of_events(args: Args, output: Path, kind: str) -> dict[str, Any]:
     from spikingtac.plots.events import event_figures, plot_events
 
-    found = event_figures(st.open_events(args.source), args.at_s)
+    source = st.open_events(args.source)
+    found = event_figures(source, args.at_s)
     save_figure(plot_events(found, kind, theme=args.theme, width=args.width), output)
     count, hot_px = int(found.counts.sum()), found.hot_px.tolist()
-    return {"pictures": 1, "at_us": found.at_us, "events": count, "hot_px": hot_px}
+    told = {"pictures": 1, "at_us": found.at_us, "events": count, "hot_px": hot_px}
+    return told | {"anomalies": dict(source.losses.kinds())}
 
 
 def _of_tracks(args: Args, output: Path, kind: str) -> dict[str, Any]:

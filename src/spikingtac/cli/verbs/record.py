@@ -14,9 +14,9 @@ import tyro
 
 import spikingtac as st
 from spikingtac import events
-from spikingtac.cli.messages import Table, progress, remark, tell
+from spikingtac.cli.messages import Table, counted, progress, remark, tell
 from spikingtac.cli.options import Output, WriteArgs
-from spikingtac.cli.sources import camera_address, ending_on_interrupt
+from spikingtac.cli.sources import anomalies_of, camera_address, ending_on_interrupt
 from spikingtac.events.align import (
     By,
     PoseClock,
@@ -203,7 +203,7 @@ def align(args: AlignArgs) -> int:
             document |= _two(args, second)
     if poses is not None and time_map is not None and output is not None:
         poses.save(output, time_map)
-    return tell(args.json, document, *_aligned(document))
+    return tell(args.json, document, *counted(document.get("anomalies", {})), *_aligned(document))
 
 
 def _two(args: AlignArgs, second: Path) -> dict[str, Any]:
@@ -220,7 +220,8 @@ def _two(args: AlignArgs, second: Path) -> dict[str, Any]:
         raise st.ConfigError("-o names a recording that is read; choose another folder")
     prepare_folder(args.output, args.overwrite)
     first, inputs = st.open_events(args.first), [args.first.name, second.name]
-    return told | {"events": write_pair(args.output, first, other, time_map, {"inputs": inputs})}
+    told["events"] = write_pair(args.output, first, other, time_map, {"inputs": inputs})
+    return told | {"anomalies": anomalies_of(first, other)}
 
 
 def _aligned(document: dict[str, Any]) -> list[Table]:

@@ -53,7 +53,7 @@ function showResult(result, hello) {
     ["explained by discs", `${(100 * result.explained).toFixed(0)} % of the changes`],
     ["radius", `${result.radius_px.toFixed(2)} px`],
     ["doubtful", names(result.doubtful, result.grid) || "none"],
-    ["never moved", names(result.missing, result.grid) || "none"],
+    ["not measured", names(result.missing, result.grid) || "none"],
   ];
   $("guide-result").replaceChildren(...rows.flatMap(([title, text]) => {
     const term = document.createElement("dt"), value = document.createElement("dd");
