@@ -21,15 +21,18 @@ from spikingtac.state_map.graded import Array, GradedStateMap
 DISPLACED_PX, STILL_PX_S = 1.0, 15.0
 
 # Distance from a disc beyond which the map is compared, px: nearer, a disc in motion leaves a
-# trail. Points per marker that a comparison needs.
-CLEAR_PX, LEAST_POINTS = 3.0, 1.0
+# trail. Points of a marker, and markers, that a comparison needs.
+CLEAR_PX, LEAST_POINTS, LEAST_MARKERS = 3.0, 2, 4
 
-# Rise of the contrast between the rests and their mirror images that reveals a release, in swings
-# and in standard errors, and the time constant of the mean that it rises from, s. (Thirty
-# simulated recordings, also without half of their events, rise by 5.2 standard errors at most, one
-# of five that were calibrated without half of them by 6.02. Readouts of 0.3 to 1 Mev/s and dead
-# times of 1 to 20 ms make it rise by 0.047 to 0.27, 6.5 to 36 standard errors.)
-LIGHT_RISE, RISE_ERRORS, LIGHT_MEMORY_S = 0.03, 6.25, 0.1
+# Distances of the lines of points from the one through marker and rest, px. (With that one alone
+# fewer releases are seen.)
+LINES_PX = (-3.0, 0.0, 3.0)
+
+# Rise of the contrast between a rest and its mirror image that reveals a release, mean over the
+# markers, in swings and in standard errors; time constant of the contrast from which it rises, s.
+# (Ninety simulated recordings without a misplaced skin: 0.09 at most, and above 0.06 5.3 standard
+# errors. Readouts of 1 to 2 Mev/s, stamps of 10 ms: 0.16 to 0.44, and 4.3 to 16.)
+LIGHT_RISE, RISE_ERRORS, LIGHT_MEMORY_S = 0.1, 4.0, 0.1
 
 # Farther way of the mean marker after which the light counts from anew, px: a fast hit leaves light
 # at the rests as well, and its hold would pass for a release.
@@ -48,7 +51,8 @@ class MisplacedSkin:
 
     def __init__(self, calibration: Calibration) -> None:
         """Begin with a skin at rest."""
-        self._rest_px, self._light, self._away_px = calibration.reference_px, 0.0, 0.0
+        self._rest_px, self._away_px = calibration.reference_px, 0.0
+        self._light = np.full(len(self._rest_px), np.nan)
 
     def update(
         self,
@@ -67,57 +71,58 @@ class MisplacedSkin:
             dt_s: Time in which they came, s.
             noise_per_s: ``(m + 1,)`` background events in the same places, 1/s.
         """
-        light, error, away_px, at_rest, tracked = signs_kernel(
-            state_map.values, state_map.pixels, self._rest_px, markers, counts, dt_s, noise_per_s
-        )
+        away_px, speed_px_s = mean_motion_kernel(self._rest_px, markers)
         self._away_px = min(self._away_px, away_px)
         if away_px > self._away_px + FARTHER_PX:
-            self._light, self._away_px = light, away_px
-        rise = light - self._light
-        self._light += rise * -math.expm1(-dt_s / LIGHT_MEMORY_S)
-        released = rise > max(LIGHT_RISE, RISE_ERRORS * error)
-        return released or at_rest >= max(RIM_EVENTS, RIM_RATIO * tracked)
+            self._light[:], self._away_px = np.nan, away_px
+        if away_px < DISPLACED_PX or speed_px_s > STILL_PX_S:
+            return False
+        share, pixels = -math.expm1(-dt_s / LIGHT_MEMORY_S), state_map.pixels
+        rise, error = light_rise_kernel(
+            state_map.values, pixels, self._rest_px, markers, self._light, share
+        )
+        if rise > max(LIGHT_RISE, RISE_ERRORS * error):
+            return True
+        if counts.sum() < NEW_EVENTS + 2.0 * dt_s * noise_per_s.sum():
+            return False
+        at_rest, tracked = rim_events_kernel(pixels, self._rest_px, markers)
+        return at_rest >= max(RIM_EVENTS, RIM_RATIO * tracked)
 
 
 @kernel()
-def signs_kernel(
-    levels: Array, pixels: Array, rest_px: Array, markers: Array, counts: Array, dt_s: float,
-    noise_per_s: Array,
-) -> tuple[float, float, float, float, float]:  # pragma: no cover - compiled # fmt: skip
-    """Return the light at the rests and its standard error, and events on both kinds of rims.
-
-    Between both stands the mean displacement, px. The error is infinite while the skin is at rest
-    or in motion, or where there are too few points. Events are counted if the skin stands still and
-    more of them come than the background.
-    """
-    light, error, points, away_px, speed_px_s = rest_light_kernel(levels, pixels, rest_px, markers)
-    still = away_px >= DISPLACED_PX and speed_px_s <= STILL_PX_S
-    at_rest = tracked = 0.0
-    if still and counts.sum() >= NEW_EVENTS + 2.0 * dt_s * noise_per_s.sum():
-        at_rest, tracked = rim_events_kernel(pixels, rest_px, markers)
-    error = error if still and points >= LEAST_POINTS else np.inf
-    return light, error, away_px, at_rest, tracked
+def mean_motion_kernel(
+    rest_px: Array, markers: Array
+) -> tuple[float, float]:  # pragma: no cover - compiled
+    """Return the mean displacement, px, and the mean speed, px/s."""
+    away = speed = 0.0
+    for m in range(len(markers)):
+        away += np.hypot(markers[m].x - rest_px[m, 0], markers[m].y - rest_px[m, 1])
+        speed += np.hypot(markers[m].vx, markers[m].vy)
+    return away / len(markers), speed / len(markers)
 
 
 @kernel()
-def rest_light_kernel(
-    levels: Any, pixels: Any, rest_px: Any, markers: Any
-) -> tuple[float, float, float, float, float]:  # pragma: no cover - compiled
-    """Return how much lighter the map is at the rests than at their mirror images.
+def light_rise_kernel(
+    levels: Any, pixels: Any, rest_px: Any, markers: Any, light: Array, share: float
+) -> tuple[float, float]:  # pragma: no cover - compiled
+    """Return the mean rise of the light at the markers' rests, and its standard error.
 
-    Points on the line from a marker to its rest, beyond the disc and within the disc at rest, are
-    compared with those opposite, unless another marker is near. The other values are the standard
-    error, points per marker, the mean displacement, px, and the mean speed, px/s.
+    Points on the way from a marker to its rest, beyond the disc and within the disc at rest, are
+    compared with those opposite, unless another marker is near. ``light`` holds each marker's mean
+    contrast so far, NaN before the first; a share of its rise is added to it. The error is infinite
+    for too few markers.
     """
     (height, width), count = pixels.shape, len(markers)
-    light = squares = points = displacement = speed = 0.0
+    seen = total = squares = 0.0
     for m in range(count):
-        marker = markers[m]
+        marker, contrast, points = markers[m], 0.0, 0
         to_x, to_y = rest_px[m, 0] - marker.x, rest_px[m, 1] - marker.y
         away = np.hypot(to_x, to_y)
-        displacement, speed = displacement + away, speed + np.hypot(marker.vx, marker.vy)
-        for s in range(int(marker.radius_px + CLEAR_PX), int(away + marker.radius_px)):
-            x, y = round(marker.x + s * to_x / away), round(marker.y + s * to_y / away)
+        ends = int(marker.radius_px + CLEAR_PX), int(away + marker.radius_px)
+        for s, k in np.ndindex(max(ends[1] - ends[0], 0), len(LINES_PX)):
+            along_x, along_y = (ends[0] + s) * to_x / away, (ends[0] + s) * to_y / away
+            across_x, across_y = -LINES_PX[k] * to_y / away, LINES_PX[k] * to_x / away
+            x, y = round(marker.x + along_x + across_x), round(marker.y + along_y + across_y)
             mirror_x, mirror_y = round(2.0 * marker.x - x), round(2.0 * marker.y - y)
             if min(x, mirror_x) < 0 or max(x, mirror_x) >= width:
                 continue
@@ -125,12 +130,19 @@ def rest_light_kernel(
                 continue
             gates = pixels[y, x].marker, pixels[mirror_y, mirror_x].marker
             if gates[0] in (m, count) and gates[1] in (m, count):
-                contrast = levels[y, x] - levels[mirror_y, mirror_x]
-                light, squares, points = light + contrast, squares + contrast**2, points + 1.0
-    per_point = 1.0 / max(points, 1.0)
-    light *= per_point
-    error = np.sqrt(max(squares * per_point - light**2, 0.0) * per_point)
-    return light, error, points / count, displacement / count, speed / count
+                contrast += levels[y, x] - levels[mirror_y, mirror_x]
+                points += 1
+        if points >= LEAST_POINTS:
+            rise = contrast / points - light[m]
+            if np.isnan(rise):
+                light[m] = contrast / points
+                continue
+            light[m] += share * rise
+            seen, total, squares = seen + 1.0, total + rise, squares + rise**2
+    if seen < LEAST_MARKERS:
+        return 0.0, np.inf
+    mean = total / seen
+    return mean, np.sqrt(max(squares / seen - mean**2, 0.0) / (seen - 1.0))
 
 
 @kernel()

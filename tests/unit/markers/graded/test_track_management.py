@@ -1,5 +1,6 @@
 """Which markers are held, how sure they are of themselves, and how they come back."""
 
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +12,8 @@ from spikingtac.events.windows import windows
 from spikingtac.markers.graded import track_management
 from spikingtac.markers.graded.misplaced_skin import (
     MisplacedSkin,
-    rest_light_kernel,
+    light_rise_kernel,
+    mean_motion_kernel,
     rim_events_kernel,
 )
 from spikingtac.markers.graded.track_management import TrackManager
@@ -239,7 +241,7 @@ def test_a_skin_whose_release_lost_its_events_is_put_back(lost_share: float) -> 
     assert max(off_px[700:]) < 1.0
 
 
-@pytest.mark.parametrize("hit", [COUNT, 3])
+@pytest.mark.parametrize("hit", [COUNT, 4])
 def test_trails_of_a_fast_hit_are_no_release_but_new_light_is(hit: int) -> None:
     skin, rng = MisplacedSkin(CALIBRATION), np.random.default_rng(1)
     hit_px = REST_PX + np.multiply.outer(np.arange(COUNT) < hit, [12.0, 0.0])
@@ -258,24 +260,31 @@ def test_trails_of_a_fast_hit_are_no_release_but_new_light_is(hit: int) -> None:
     assert is_released(hit_px, 0.6)
 
 
-def test_light_at_the_rests_equals_its_twin() -> None:
+def test_the_rise_of_the_light_at_the_rests_equals_its_twin() -> None:
     rng, place_px = np.random.default_rng(2), REST_PX + np.array([8.0, -3.0])
     pixels, values = np.zeros(SIZE, PIXEL), rng.random(SIZE)
     pixels["marker"] = np.where(rng.random(SIZE) < 0.8, COUNT, CENTRE)
-    markers = moving_markers(place_px)
+    markers = moving_markers(place_px, np.tile([3.0, 4.0], (COUNT, 1)))
     markers["radius_px"] = RADIUS_PX
-    contrasts = []
+    light = np.where(np.arange(COUNT) % 5, rng.random(COUNT), np.nan)
+    before, rises = light.copy(), np.full(COUNT, np.nan)
     for m, (place, way) in enumerate(zip(place_px, REST_PX - place_px, strict=True)):
-        for s in range(6 + 3, int(np.hypot(*way) + 6.0)):
-            point = np.rint(place + s * way / np.hypot(*way))
+        along, contrasts = way / np.hypot(*way), []
+        for s, aside in product(range(6 + 3, int(np.hypot(*way) + 6.0)), (-3.0, 0.0, 3.0)):
+            point = np.rint(place + s * along + aside * np.array([-along[1], along[0]]))
             x, y = np.array([point, np.rint(2.0 * place - point)], int).T
             inside = (np.stack([x, y]) >= 0).all() and (np.stack([x, y]) < SIZE[0]).all()
             if inside and np.isin(pixels["marker"][y, x], (m, COUNT)).all():
                 contrasts.append(values[y[0], x[0]] - values[y[1], x[1]])
-    error = np.std(contrasts) / np.sqrt(len(contrasts))
-    got = rest_light_kernel(values, pixels, REST_PX, markers)
-    way_px = np.hypot(8.0, 3.0), 0.0
-    assert got == pytest.approx((np.mean(contrasts), error, len(contrasts) / COUNT, *way_px))
+        if len(contrasts) >= 2:
+            rises[m] = np.mean(contrasts) - np.nan_to_num(before[m])
+    seen = ~np.isnan(rises + before)
+    error = np.std(rises[seen]) / np.sqrt(np.count_nonzero(seen) - 1.0)
+    got = light_rise_kernel(values, pixels, REST_PX, markers, light, 0.25)
+    assert got == pytest.approx((np.mean(rises[seen]), error))
+    learned = np.where(np.isnan(before), rises, before + 0.25 * np.nan_to_num(rises))
+    np.testing.assert_allclose(light, learned)
+    assert mean_motion_kernel(REST_PX, markers) == pytest.approx((np.hypot(8.0, 3.0), 5.0))
 
 
 def test_events_on_the_rims_equal_their_twin() -> None:
