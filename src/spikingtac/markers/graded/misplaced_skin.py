@@ -32,7 +32,7 @@ LINES_PX = (-3.0, 0.0, 3.0)
 # markers, in swings and in standard errors; time constant of the contrast from which it rises, s.
 # (Ninety simulated recordings without a misplaced skin: 0.09 at most, and above 0.06 5.3 standard
 # errors. Readouts of 1 to 2 Mev/s, stamps of 10 ms: 0.16 to 0.44, and 4.3 to 16.)
-LIGHT_RISE, RISE_ERRORS, LIGHT_MEMORY_S = 0.1, 4.0, 0.1
+LIGHT_RISE, RISE_ERRORS, LIGHT_MEMORY_S = 0.14, 5.0, 0.1
 
 # Farther way of the mean marker after which the light counts from anew, px: a fast hit leaves light
 # at the rests as well, and its hold would pass for a release.
