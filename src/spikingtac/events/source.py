@@ -73,8 +73,8 @@ HARMLESS = frozenset({
 
 # Kind of loss -> the counter that it belongs to; every other kind is damage, or loses nothing.
 COUNTERS = {
-    "gap": "gaps", "time_jump": "gaps", "disconnected": "gaps", "overflow": "overflows",
-    "missed": "overflows", "reconnected": "reconnects",
+    "gap": "gaps", "silences": "gaps", "time_jump": "gaps", "disconnected": "gaps",
+    "overflow": "overflows", "missed": "overflows", "reconnected": "reconnects",
 }  # fmt: skip
 
 # Stretch over which the rate is told, us (a press lasts longer, and at 320x320 px a resting

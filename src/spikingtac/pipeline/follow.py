@@ -42,7 +42,7 @@ def follow(
         tracker: Any tracker, freshly made or reset.
         rate_hz: Estimates per second of data time.
         losses: What their source counts, for the health; that of ``packets`` unless given. The
-            tracker's ``hot_pixels`` are counted there, too.
+            tracker's ``hot_pixels`` and ``silences`` are counted there, too.
         origin_us: Time of the first estimate of the recording that ``packets`` are a part of, us:
             the part is estimated at the same times as the whole.
 
@@ -64,8 +64,9 @@ def follow(
     def absorb(packet: EventPacket) -> None:
         tracker.absorb(packet)
         meter.absorb(packet)
-        if hot_pixels := getattr(tracker, "hot_pixels", 0):
-            counted["hot_pixels"] = hot_pixels
+        for kind in ("hot_pixels", "silences"):
+            if count := getattr(tracker, kind, 0):
+                counted[kind] = count
 
     for stretch in stretches(itertools.chain([first.split(begun_us)[1]], stream)):
         index: int | None = None

@@ -25,6 +25,7 @@ KINDS: dict[str, str] = {
     "time_reset": "time restarted; re-based so that it goes on from the last event",
     "time_jump": "time leapt forward by 1 s or more; a leap of 2^24 us is taken back",
     "gap": "a stretch is missing: time words or sequence numbers that always follow do not",
+    "silences": "stretches without any event, though the camera has noise; markers were followed",
     "unsorted": "rows that came before their predecessor in time; sorted",
     "other_data": "frames, samples of an IMU and other data beside the events; left out, no loss",
     "trigger": "external trigger edges; delivered apart, no loss",

@@ -69,6 +69,10 @@ MEMORY_EVENTS = 150_000.0
 # at 0.94 six without loss err by 2 to 4 % more.)
 LOSSLESS_RATIO = 0.9
 
+# Shortest silence of a camera that has noise, s (cameras send batches of up to 10 ms), and least
+# noise that is then missing, events: of pixels beside the markers, since these creep at rest.
+SILENCE_S, SILENCE_EVENTS = 0.02, 20.0
+
 SMALLEST_RATIO = 0.2  # At a smaller ratio no map can be tracked; the steps grow no further.
 
 
@@ -94,6 +98,7 @@ class EventLoss:
         self._area_px = area_px.astype(np.float64)
         self._reversal_px = calibration.reference_px.astype(np.float64)
         self.background_hz_px, self._background_known = LEAST_BACKGROUND_HZ_PX, False
+        self._beside_per_s = 0.0
         self._expected = self._arrived = 0.0
         self.arrival_ratio = FIRST_RATIO
 
@@ -106,6 +111,10 @@ class EventLoss:
     def noise_per_s(self) -> FloatArray:
         """``(m + 1,)`` background events in each marker's gate, and last in no gate, 1/s."""
         return self.background_hz_px * self._area_px
+
+    def is_silence(self, silent_s: float) -> bool:
+        """Return whether a time without any event, s, is a gap in a stream that has noise."""
+        return silent_s > SILENCE_S and silent_s * self._beside_per_s > SILENCE_EVENTS
 
     def update(self, markers: NDArray[np.void], counts: NDArray[np.int64], dt_s: float) -> None:
         """Update the background at rest, and the ratio from markers that move.
@@ -123,6 +132,7 @@ class EventLoss:
             rate_hz_px = float(counts.sum()) / dt_s / float(self._area_px.sum())
             gain = 1.0 - math.exp(-dt_s / BACKGROUND_MEMORY_S) if self._background_known else 1.0
             self.background_hz_px += gain * (rate_hz_px - self.background_hz_px)
+            self._beside_per_s += gain * (counts[-1] / dt_s - self._beside_per_s)
             self._background_known = True
         if expected <= 0.0:
             return

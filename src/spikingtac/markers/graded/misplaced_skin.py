@@ -30,9 +30,10 @@ LINES_PX = (-3.0, 0.0, 3.0)
 
 # Rise of the contrast between a rest and its mirror image that reveals a release, mean over the
 # markers, in swings and in standard errors; time constant of the contrast from which it rises, s.
-# (Ninety simulated recordings without a misplaced skin: 0.09 at most, and above 0.06 5.3 standard
-# errors. Readouts of 1 to 2 Mev/s, stamps of 10 ms: 0.16 to 0.44, and 4.3 to 16.)
-LIGHT_RISE, RISE_ERRORS, LIGHT_MEMORY_S = 0.14, 5.0, 0.1
+# (Ninety simulated recordings without a misplaced skin: 0.11 at most where it is 5 errors, at slips
+# that are stamped in batches of 10 ms. Releases at readouts of 0.5 to 2 Mev/s: 0.2 to 0.43, and 5
+# to 20; without nine tenths of their events 0.13, and 15.)
+LIGHT_RISE, RISE_ERRORS, LIGHT_MEMORY_S = 0.12, 5.0, 0.1
 
 # Farther way of the mean marker after which the light counts from anew, px: a fast hit leaves light
 # at the rests as well, and its hold would pass for a release.

@@ -47,7 +47,10 @@ SEARCH_US = 20_000  # Time between two detections in the whole map while a marke
 # Radius of the gate around a lost marker's prediction, as a share of the smallest spacing.
 CAPTURE_SHARE = 0.3
 
-FADE_S = 0.1  # Time constant with which the confidence in a lost marker decays, s.
+# Time constant with which the confidence in a lost marker, and in all while the stream is silent,
+# decays, s, and the way after a silence over which it comes back, px: what moved meanwhile is seen
+# when it moves again.
+FADE_S, REGAIN_PX = 0.1, 5.0
 
 # Threshold of the silence test: travel without events of the marker's own, px. Its confidence
 # falls with the travel (a reversal costs up to half a px).
@@ -72,6 +75,7 @@ class TrackManager:
         neighbours: Predicts each marker's displacement from its neighbours.
         coasted: ``(m,)`` lost markers: predicted, not observed.
         silent: ``(m,)`` markers that do not send the events that their neighbours' motion predicts.
+        doubt: ``(m,)`` share of the confidence that a silence of the camera has taken.
         position_px: ``(m, 2)`` where lost markers were predicted or found last, px.
         capture_px: Radius of the gate around a prediction within which a detection is accepted, px.
     """
@@ -89,7 +93,8 @@ class TrackManager:
         self.capture_px = CAPTURE_SHARE * spacing_px
         self._rejected_since_us = np.full(count, NEVER_US, np.int64)
         self._search_at_us = NEVER_US
-        self._cusum_px, self._trust = np.zeros(count), np.ones(count)
+        self._cusum_px, self.doubt = np.zeros((2, count))
+        self._trust = np.ones(count)
         self.coasted, self.silent = np.zeros((2, count), np.bool_)
         self.position_px = calibration.reference_px.copy()
         self._fitted_px = np.empty_like(self.position_px)
@@ -139,15 +144,17 @@ class TrackManager:
                 self._search(fitted_px, levels)
         return relocated
 
-    def confidence(self, agreement: FloatArray, dt_s: float) -> FloatArray:
+    def confidence(self, markers: NDArray[np.void], dt_s: float, silent: bool) -> FloatArray:
         """Return ``(m,)`` the confidence in each marker's position, 0 to 1.
 
         Args:
-            agreement: ``(m,)`` share of each edge that agrees with its disc.
+            markers: ``(m,)`` records (:data:`~spikingtac.markers.graded.motion.MARKER`).
             dt_s: Time since the last call, s.
+            silent: Whether the camera sends nothing, not even noise.
         """
-        confidence = np.empty(len(agreement))
-        confidence_kernel(agreement, self._cusum_px, self.coasted, self._trust, dt_s, confidence)
+        confidence = np.empty(len(markers))
+        states = self._cusum_px, self.coasted, self._trust, self.doubt
+        confidence_kernel(markers, *states, dt_s, silent, confidence)
         return confidence
 
     def _search(self, fitted_px: FloatArray, levels: NDArray[np.float32]) -> None:
@@ -162,14 +169,23 @@ class TrackManager:
 
 @kernel()
 def confidence_kernel(
-    agreement: Array, cusum_px: Array, coasted: Array, trust: Array, dt_s: float,
-    confidence: Array,
+    markers: Array, cusum_px: Array, coasted: Array, trust: Array, doubt: Array, dt_s: float,
+    silent: bool, confidence: Array,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
-    """Write the confidence in each marker's position; it decays while a marker is lost."""
+    """Write the confidence in each marker's position.
+
+    It decays while a marker is lost or the stream silent, after which it returns as markers move.
+    """
     fading = np.exp(-dt_s / FADE_S)
     for m in range(trust.size):
+        marker = markers[m]
         trust[m] = trust[m] * fading if coasted[m] else 1.0
-        confidence[m] = agreement[m] * trust[m] * max(1.0 - cusum_px[m] / SILENT_PX, 0.0)
+        if silent:
+            doubt[m] = 1.0 - (1.0 - doubt[m]) * fading
+        elif doubt[m] > 0.0:
+            doubt[m] *= np.exp(-dt_s * np.hypot(marker.vx, marker.vy) / REGAIN_PX)
+        moved = max(1.0 - cusum_px[m] / SILENT_PX, 0.0)
+        confidence[m] = marker.agreement * trust[m] * moved * (1.0 - doubt[m])
 
 
 @kernel()

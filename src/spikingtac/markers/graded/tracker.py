@@ -81,6 +81,7 @@ class GradedTracker:
     Attributes:
         calibration: Of the sensor.
         lag_s: Delay of the events behind the motion, s.
+        silences: How often the camera sent nothing for a while, not even noise.
     """
 
     def __init__(
@@ -156,7 +157,7 @@ class GradedTracker:
         locator.locate(t_us, manager.coasted, self._event_loss.background_hz_px)
         before_us = locator.times_us[0]
         dt_s = 0.0 if before_us == NEVER_US else (t_us - before_us) * 1e-6
-        self._next_estimate_us = t_us + LONGEST_PERIOD_US
+        self._next_estimate_us, silent = t_us + LONGEST_PERIOD_US, self._is_silent(dt_s)
         self._run_slower_work(t_us, dt_s)
         # Until the event loss is measured, steps are assumed larger than they are, and discs lead
         # their markers as often as they lag.
@@ -167,8 +168,16 @@ class GradedTracker:
         if self._zero is not None:
             velocity_px_s = np.column_stack([locator.markers["vx"], locator.markers["vy"]])
             given_px = self._zero.update(given_px, velocity_px_s, manager.coasted, dt_s)
-        confidence = manager.confidence(locator.markers["agreement"], dt_s)
+        confidence = manager.confidence(locator.markers, dt_s, silent)
         return given_px, manager.coasted.copy(), confidence
+
+    def _is_silent(self, dt_s: float) -> bool:
+        """Return whether the camera sends nothing, not even noise, and count how often."""
+        self._silent_s = 0.0 if self._events else self._silent_s + dt_s
+        silent, before = self._event_loss.is_silence(self._silent_s), self._silent
+        self._silent = silent
+        self.silences += silent and not before
+        return silent
 
     def reset(self) -> None:
         """Forget everything but the calibration: the markers rest, the map is as painted."""
@@ -180,7 +189,8 @@ class GradedTracker:
         self._counted_events = self._locator.event_count
         # The next estimate is made at this time; leak, task and count happened last at theirs.
         self._next_estimate_us = self._leak_us = self._task_us = self._count_us = NEVER_US
-        self._task_count = self._events = 0
+        self._task_count = self._events = self.silences = 0
+        self._silent_s, self._silent = 0.0, False
         self._manager = TrackManager(self.calibration)
         self._misplaced = MisplacedSkin(self.calibration)
         neighbours = self._manager.neighbours
@@ -235,3 +245,4 @@ class GradedTracker:
         ):
             locator.map.reset()
             locator.place(np.ones_like(manager.coasted), self.calibration.reference_px)
+            manager.doubt[:] = 0.0

@@ -22,6 +22,7 @@ from spikingtac.state_map.binary import paint_discs
 from spikingtac.state_map.graded import PIXEL, GradedStateMap
 from stand_ins.ideal_events import ideal_events
 from stand_ins.known import moving_markers
+from stand_ins.random_packets import packet_of
 
 SIZE = (210, 210)
 PITCH_PX, COUNT = 40.0, 25
@@ -164,10 +165,40 @@ def test_markers_that_are_gone_are_found(gone: tuple[int, ...], share: float) ->
     sent[list(gone)] = 0.0
     manager = heard(moving(60.0), sent, share)
     assert np.flatnonzero(manager.silent).tolist() == sorted(gone)
-    confidence = manager.confidence(AGREED, DT_S)
+    confidence = manager.confidence(fits(REST_PX, AGREED), DT_S, silent=False)
     assert (np.flatnonzero(confidence < 0.5) == sorted(gone)).all()
     manager.update(0, fits(REST_PX, AGREED), levels(REST_PX))
     assert np.flatnonzero(manager.coasted).tolist() == sorted(gone), "at once, and not found"
+
+
+def test_a_silence_takes_confidence_that_motion_gives_back() -> None:
+    manager, agreement = TrackManager(CALIBRATION), np.linspace(0.5, 1.0, COUNT)
+    resting, moving_on = fits(REST_PX, agreement), fits(REST_PX, agreement)
+    moving_on["vx"][::2] = 100.0
+    manager.confidence(resting, 0.07, silent=True)
+    np.testing.assert_allclose(manager.confidence(resting, 0.03, True), agreement * np.exp(-1.0))
+    np.testing.assert_allclose(manager.confidence(resting, 9.0, False), agreement * np.exp(-1.0))
+    left = (1.0 - np.exp(-1.0)) * np.where(np.arange(COUNT) % 2, 1.0, np.exp(-0.6))
+    got = manager.confidence(moving_on, 0.03, silent=False)
+    np.testing.assert_allclose(got, agreement * (1.0 - left))
+
+
+@pytest.mark.parametrize(("noise_per_s", "silences"), [(20_000, 1), (0, 0)])
+def test_only_a_stream_with_noise_can_have_gaps(noise_per_s: int, silences: int) -> None:
+    """Where there is none, creep and silence alternate."""
+    rng, count = np.random.default_rng(1), max(noise_per_s, 50)
+    t = np.sort(rng.integers(0, 1_000_000, count))
+    x, y = rng.integers(0, SIZE, (count, 2)).T
+    if not noise_per_s:
+        x, y = (REST_PX[rng.integers(0, COUNT, count)] + [6.0, 0.0]).astype(int).T
+    keep = (t < 600_000) | (t >= 650_000)
+    events = packet_of(t[keep], x[keep], y[keep], rng.random(keep.sum()) < 0.5, SIZE)
+    tracker, least = GradedTracker(GradedTrackerConfig(), CALIBRATION), []
+    for window in windows([events], 1_000):
+        tracker.absorb(window)
+        least.append(tracker.estimate(window.t_end_us).confidence.min())
+    assert tracker.silences == silences
+    assert (min(least) < 0.8) == bool(silences)
 
 
 def test_those_that_send_or_need_not_are_left_alone() -> None:
