@@ -72,22 +72,37 @@ class MisplacedSkin:
             dt_s: Time in which they came, s.
             noise_per_s: ``(m + 1,)`` background events in the same places, 1/s.
         """
-        away_px, speed_px_s = mean_motion_kernel(self._rest_px, markers)
-        self._away_px = min(self._away_px, away_px)
-        if away_px > self._away_px + FARTHER_PX:
-            self._light[:], self._away_px = np.nan, away_px
-        if away_px < DISPLACED_PX or speed_px_s > STILL_PX_S:
-            return False
-        share, pixels = -math.expm1(-dt_s / LIGHT_MEMORY_S), state_map.pixels
-        rise, error = light_rise_kernel(
-            state_map.values, pixels, self._rest_px, markers, self._light, share
-        )
-        if rise > max(LIGHT_RISE, RISE_ERRORS * error):
-            return True
-        if counts.sum() < NEW_EVENTS + 2.0 * dt_s * noise_per_s.sum():
-            return False
-        at_rest, tracked = rim_events_kernel(pixels, self._rest_px, markers)
-        return at_rest >= max(RIM_EVENTS, RIM_RATIO * tracked)
+        misplaced, self._away_px = misplaced_kernel(
+            state_map.values, state_map.pixels, self._rest_px, markers, self._light, self._away_px,
+            counts, dt_s, noise_per_s,
+        )  # fmt: skip
+        return misplaced
+
+
+@kernel()
+def misplaced_kernel(
+    levels: Array, pixels: Array, rest_px: Array, markers: Array, light: Array, nearest_px: float,
+    counts: Array, dt_s: float, noise_per_s: Array,
+) -> tuple[bool, float]:  # pragma: no cover - compiled # fmt: skip
+    """Return whether a skin that stands still is misplaced, and its least displacement, px.
+
+    The light counts from anew, and that displacement with it, when the skin goes farther. Events on
+    the rims are looked at if more of them come than the background.
+    """
+    away_px, speed_px_s = mean_motion_kernel(rest_px, markers)
+    nearest_px = min(nearest_px, away_px)
+    if away_px > nearest_px + FARTHER_PX:
+        light[:], nearest_px = np.nan, away_px
+    if away_px < DISPLACED_PX or speed_px_s > STILL_PX_S:
+        return False, nearest_px
+    share = -math.expm1(-dt_s / LIGHT_MEMORY_S)
+    rise, error = light_rise_kernel(levels, pixels, rest_px, markers, light, share)
+    if rise > max(LIGHT_RISE, RISE_ERRORS * error):
+        return True, nearest_px
+    if counts.sum() < NEW_EVENTS + 2.0 * dt_s * noise_per_s.sum():
+        return False, nearest_px
+    at_rest, tracked = rim_events_kernel(pixels, rest_px, markers)
+    return at_rest >= max(RIM_EVENTS, RIM_RATIO * tracked), nearest_px
 
 
 @kernel()
