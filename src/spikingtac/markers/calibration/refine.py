@@ -146,9 +146,10 @@ FEWEST_EVENTS, FEWEST_EVENTS_SHARE = 40.0, 0.25
 # Explained share, relative to the median, below which a measured marker is doubtful.
 DOUBTFUL_SHARE = 0.5
 
-# Distance of a doubtful marker from where it was found, in radii, from which its disc has followed
-# something else, such as a glare that moves with the skin. (Two of 36 markers beside a simulated
-# glare came to lie 5 and 15 px off. Other doubtful markers move by 0.2 radii at most.)
+# Distance of a doubtful marker from where its neighbours tell it, in radii, from which its disc has
+# followed something else, such as a glare that moves with the skin. (Two of 36 markers beside a
+# simulated glare came to lie 5 and 15 px off. Fourteen other doubtful ones on seven simulated
+# sensors, half-rubbed and pale ones among them, stay.)
 STRAYED_RADII = 0.5
 
 GRID_EXPLAINED = 0.15  # Median of the explained shares below which there is no grid of discs.

@@ -111,6 +111,7 @@ def _leak_disc_kernel(
         level = one if slope == zero and level > half else level
         e = edge[0, j] - level
         excess = e - min(max(e, -limit), limit)
+        # What is removed takes the place of the model's level.
         edge[1, j] = portion * (one - np.sqrt(slope)) * excess + pull * slope
     for j in range(ring[2]):
         if edge[1, j] != zero and edge[0, j] != OUTSIDE_LEVEL:

@@ -157,7 +157,7 @@ class GradedTracker:
         locator.locate(t_us, manager.coasted, self._event_loss.background_hz_px)
         before_us = locator.times_us[0]
         dt_s = 0.0 if before_us == NEVER_US else (t_us - before_us) * 1e-6
-        self._next_estimate_us, silent = t_us + LONGEST_PERIOD_US, self._is_silent(dt_s)
+        self._next_estimate_us, silent = t_us + LONGEST_PERIOD_US, self._note_silence(dt_s)
         self._run_slower_work(t_us, dt_s)
         # Until the event loss is measured, steps are assumed larger than they are, and discs lead
         # their markers as often as they lag.
@@ -171,8 +171,8 @@ class GradedTracker:
         confidence = manager.confidence(locator.markers, dt_s, silent)
         return given_px, manager.coasted.copy(), confidence
 
-    def _is_silent(self, dt_s: float) -> bool:
-        """Return whether the camera sends nothing, not even noise, and count how often."""
+    def _note_silence(self, dt_s: float) -> bool:
+        """Count the times at which the camera sends not even noise; return whether this is one."""
         self._silent_s = 0.0 if self._events else self._silent_s + dt_s
         silent, before = self._event_loss.is_silence(self._silent_s), self._silent
         self._silent = silent
