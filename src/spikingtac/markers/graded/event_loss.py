@@ -69,9 +69,9 @@ MEMORY_EVENTS = 150_000.0
 # at 0.94 six without loss err by 2 to 4 % more.)
 LOSSLESS_RATIO = 0.9
 
-# Shortest silence of a camera that has noise, s (cameras send batches of up to 10 ms), and least
+# Shortest silence of a camera that has noise, us (cameras send batches of up to 10 ms), and least
 # noise that is then missing, events: of pixels beside the markers, since these creep at rest.
-SILENCE_S, SILENCE_EVENTS = 0.02, 20.0
+SILENCE_US, SILENCE_EVENTS = 20_000, 20.0
 
 SMALLEST_RATIO = 0.2  # At a smaller ratio no map can be tracked; the steps grow no further.
 
@@ -113,8 +113,8 @@ class EventLoss:
         return self.background_hz_px * self._area_px
 
     def is_silence(self, silent_s: float) -> bool:
-        """Return whether a time without any event, s, is a gap in a stream that has noise."""
-        return silent_s > SILENCE_S and silent_s * self._beside_per_s > SILENCE_EVENTS
+        """Return whether so long a time without any event, s, is a gap in a stream with noise."""
+        return silent_s * self._beside_per_s > SILENCE_EVENTS
 
     def update(self, markers: NDArray[np.void], counts: NDArray[np.int64], dt_s: float) -> None:
         """Update the background at rest, and the ratio from markers that move.

@@ -105,21 +105,20 @@ def _leak_disc_kernel(
     (flat, pixels), (limit, portion, pull, per_steepest), phase = maps, law, ring[0]
     zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
     middle = (at[0] + PAD_PX) * (pixels.shape[1] + 2 * PAD_PX) + at[1] + PAD_PX
-    for j in range(ring[3]):
+    for j in range(ring[2]):
         level, slope = edge[1, j], edge[2, j] * per_steepest
         # Inside of its edge a disc is all marker; outside the foot of the edge decays to 0.
         level = one if slope == zero and level > half else level
         e = edge[0, j] - level
         excess = e - min(max(e, -limit), limit)
-        # What is removed takes the place of the model's level.
-        edge[1, j] = portion * (one - np.sqrt(slope)) * excess + pull * slope
-    for j in range(ring[2]):
-        if edge[1, j] != zero and edge[0, j] != OUTSIDE_LEVEL:
+        shown = np.uint64(middle + offset[phase, 0, j])
+        if flat[shown] != OUTSIDE_LEVEL:
             row, column = at[0] + offset[phase, 1, j], at[1] + offset[phase, 2, j]
             pixel = pixels[np.uint64(row), np.uint64(column)]
             old = pixel.level
-            pixel.level = min(max(old - edge[1, j], zero), one)
-            flat[np.uint64(middle + offset[phase, 0, j])] += pixel.level - old
+            loss = portion * (one - np.sqrt(slope)) * excess + pull * slope
+            pixel.level = min(max(old - loss, zero), one)
+            flat[shown] += pixel.level - old
 
 
 @kernel()

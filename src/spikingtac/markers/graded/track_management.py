@@ -51,6 +51,7 @@ CAPTURE_SHARE = 0.3
 # decays, s, and the way after a silence over which it comes back, px: what moved meanwhile is seen
 # when it moves again.
 FADE_S, REGAIN_PX = 0.1, 5.0
+LEAST_DOUBT = 1e-3  # Largest doubt of a marker that is none any more.
 
 # Threshold of the silence test: travel without events of the marker's own, px. Its confidence
 # falls with the travel (a reversal costs up to half a px).
@@ -75,7 +76,7 @@ class TrackManager:
         neighbours: Predicts each marker's displacement from its neighbours.
         coasted: ``(m,)`` lost markers: predicted, not observed.
         silent: ``(m,)`` markers that do not send the events that their neighbours' motion predicts.
-        doubt: ``(m,)`` share of the confidence that a silence of the camera has taken.
+        doubt: ``(m,)`` share of the confidence that a silence of the camera has taken, or None.
         position_px: ``(m, 2)`` where lost markers were predicted or found last, px.
         capture_px: Radius of the gate around a prediction within which a detection is accepted, px.
     """
@@ -93,8 +94,8 @@ class TrackManager:
         self.capture_px = CAPTURE_SHARE * spacing_px
         self._rejected_since_us = np.full(count, NEVER_US, np.int64)
         self._search_at_us = NEVER_US
-        self._cusum_px, self.doubt = np.zeros((2, count))
-        self._trust = np.ones(count)
+        self._cusum_px, self._trust = np.zeros(count), np.ones(count)
+        self.doubt: FloatArray | None = None
         self.coasted, self.silent = np.zeros((2, count), np.bool_)
         self.position_px = calibration.reference_px.copy()
         self._fitted_px = np.empty_like(self.position_px)
@@ -153,9 +154,22 @@ class TrackManager:
             silent: Whether the camera sends nothing, not even noise.
         """
         confidence = np.empty(len(markers))
-        states = self._cusum_px, self.coasted, self._trust, self.doubt
-        confidence_kernel(markers, *states, dt_s, silent, confidence)
+        states = self._cusum_px, self.coasted, self._trust
+        confidence_kernel(markers["agreement"], *states, dt_s, confidence)
+        if silent or self.doubt is not None:
+            confidence *= 1.0 - self._update_doubt(markers, dt_s, silent)
         return confidence
+
+    def _update_doubt(self, markers: NDArray[np.void], dt_s: float, silent: bool) -> FloatArray:
+        """Let the doubt grow in a silence, and shrink as markers move after it."""
+        doubt = np.zeros(len(markers)) if self.doubt is None else self.doubt
+        if silent:
+            doubt = 1.0 - (1.0 - doubt) * np.exp(-dt_s / FADE_S)
+        else:
+            way_px = dt_s * np.hypot(markers["vx"], markers["vy"])
+            doubt = doubt * np.exp(-way_px / REGAIN_PX)
+        self.doubt = doubt if doubt.max() > LEAST_DOUBT else None
+        return doubt
 
     def _search(self, fitted_px: FloatArray, levels: NDArray[np.float32]) -> None:
         blobs = find_blobs(levels, areas_px=self._areas_px)
@@ -169,23 +183,14 @@ class TrackManager:
 
 @kernel()
 def confidence_kernel(
-    markers: Array, cusum_px: Array, coasted: Array, trust: Array, doubt: Array, dt_s: float,
-    silent: bool, confidence: Array,
+    agreement: Array, cusum_px: Array, coasted: Array, trust: Array, dt_s: float,
+    confidence: Array,
 ) -> None:  # pragma: no cover - compiled # fmt: skip
-    """Write the confidence in each marker's position.
-
-    It decays while a marker is lost or the stream silent, after which it returns as markers move.
-    """
+    """Write the confidence in each marker's position; it decays while a marker is lost."""
     fading = np.exp(-dt_s / FADE_S)
     for m in range(trust.size):
-        marker = markers[m]
         trust[m] = trust[m] * fading if coasted[m] else 1.0
-        if silent:
-            doubt[m] = 1.0 - (1.0 - doubt[m]) * fading
-        elif doubt[m] > 0.0:
-            doubt[m] *= np.exp(-dt_s * np.hypot(marker.vx, marker.vy) / REGAIN_PX)
-        moved = max(1.0 - cusum_px[m] / SILENT_PX, 0.0)
-        confidence[m] = marker.agreement * trust[m] * moved * (1.0 - doubt[m])
+        confidence[m] = agreement[m] * trust[m] * max(1.0 - cusum_px[m] / SILENT_PX, 0.0)
 
 
 @kernel()

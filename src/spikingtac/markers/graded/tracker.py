@@ -18,7 +18,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.appearance import has_large_steps
 from spikingtac.markers.graded.corrections import OutputCorrections, ReleasedZero
 from spikingtac.markers.graded.disc_locator import DiscLocator
-from spikingtac.markers.graded.event_loss import EventLoss
+from spikingtac.markers.graded.event_loss import SILENCE_US, EventLoss
 from spikingtac.markers.graded.map_leak import MapLeak
 from spikingtac.markers.graded.misplaced_skin import MisplacedSkin
 from spikingtac.markers.graded.motion import NEVER_US
@@ -139,7 +139,8 @@ class GradedTracker:
         self._integrate(packet)
 
     def _integrate(self, packet: EventPacket) -> None:
-        self._events += len(packet)
+        if len(packet):
+            self._events, self._heard_us = self._events + len(packet), int(packet.t[-1])
         self._locator.absorb(packet)
 
     def estimate(self, t_us: int) -> MarkerFrame:
@@ -157,7 +158,8 @@ class GradedTracker:
         locator.locate(t_us, manager.coasted, self._event_loss.background_hz_px)
         before_us = locator.times_us[0]
         dt_s = 0.0 if before_us == NEVER_US else (t_us - before_us) * 1e-6
-        self._next_estimate_us, silent = t_us + LONGEST_PERIOD_US, self._note_silence(dt_s)
+        self._next_estimate_us = t_us + LONGEST_PERIOD_US
+        silent = t_us - self._heard_us > SILENCE_US and self._note_silence(t_us)
         self._run_slower_work(t_us, dt_s)
         # Until the event loss is measured, steps are assumed larger than they are, and discs lead
         # their markers as often as they lag.
@@ -171,12 +173,11 @@ class GradedTracker:
         confidence = manager.confidence(locator.markers, dt_s, silent)
         return given_px, manager.coasted.copy(), confidence
 
-    def _note_silence(self, dt_s: float) -> bool:
-        """Count the times at which the camera sends not even noise; return whether this is one."""
-        self._silent_s = 0.0 if self._events else self._silent_s + dt_s
-        silent, before = self._event_loss.is_silence(self._silent_s), self._silent
-        self._silent = silent
-        self.silences += silent and not before
+    def _note_silence(self, t_us: int) -> bool:
+        """Return whether the camera sends not even noise, and count such silences once each."""
+        silent = self._event_loss.is_silence((t_us - self._heard_us) * 1e-6)
+        if silent and self._silence_us != self._heard_us:
+            self._silence_us, self.silences = self._heard_us, self.silences + 1
         return silent
 
     def reset(self) -> None:
@@ -190,7 +191,8 @@ class GradedTracker:
         # The next estimate is made at this time; leak, task and count happened last at theirs.
         self._next_estimate_us = self._leak_us = self._task_us = self._count_us = NEVER_US
         self._task_count = self._events = self.silences = 0
-        self._silent_s, self._silent = 0.0, False
+        # The camera's last event, and the last one before a silence that was counted.
+        self._heard_us = self._silence_us = NEVER_US
         self._manager = TrackManager(self.calibration)
         self._misplaced = MisplacedSkin(self.calibration)
         neighbours = self._manager.neighbours
@@ -245,4 +247,4 @@ class GradedTracker:
         ):
             locator.map.reset()
             locator.place(np.ones_like(manager.coasted), self.calibration.reference_px)
-            manager.doubt[:] = 0.0
+            manager.doubt = None
