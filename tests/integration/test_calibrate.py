@@ -52,9 +52,11 @@ def trips_of(
     return EventPacket(events.x, events.y, events.p, events.t + rests * rest_us, 0, end_us, size)
 
 
-def joined(events: EventPacket, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> EventPacket:
-    """Put more events, of either polarity, among those of a packet."""
-    p = np.random.default_rng(2).random(len(t)) < 0.5
+def joined(
+    events: EventPacket, t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray | None = None
+) -> EventPacket:
+    """Put more events, of random polarity unless given, among those of a packet."""
+    p = np.random.default_rng(2).random(len(t)) < 0.5 if p is None else p
     mixed = [np.append(*pair) for pair in zip((events.t, events.x, events.y, events.p),
                                               (t, x, y, p), strict=True)]  # fmt: skip
     order = np.argsort(mixed[0], kind="stable")
@@ -176,9 +178,7 @@ def test_a_disc_that_follows_a_glare_is_put_back_amid_its_neighbours() -> None:
     truth_px = markers(3, 4, size, 40.0)
     events, ways_px = slides_of(truth_px, 7.0, size), AMPLITUDE_PX * np.array(DIRECTIONS)
     glare = trips_of(truth_px[5:6] + 8.0, 9.0, size, 2.0 * ways_px[:, np.newaxis])
-    columns = [np.append(getattr(events, name), getattr(glare, name)) for name in "txyp"]
-    order = np.argsort(columns[0], kind="stable")
-    mixed = packet_of(*(column[order] for column in columns), size, (0, events.t_end_us))
+    mixed = joined(events, glare.t, glare.x, glare.y, glare.p)
     found = calibrate(PacketSource([mixed], size), estimate_lag=False)
     assert found.provenance["missing"] == [5]
     off_px = errors_px(found, truth_px)

@@ -22,7 +22,7 @@ DISPLACED_PX, STILL_PX_S = 1.0, 15.0
 
 # Distance from a disc beyond which the map is compared, px: nearer, a disc in motion leaves a
 # trail. Points of a marker, and markers, that a comparison needs.
-CLEAR_PX, LEAST_POINTS, LEAST_MARKERS = 3.0, 2, 4
+CLEAR_PX, LEAST_POINTS, LEAST_MARKERS = 3.0, 2, 3
 
 # Distances of the lines of points from the one through marker and rest, px. (With that one alone
 # fewer releases are seen.)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spikingtac.markers.graded import event_loss
-from spikingtac.markers.graded.appearance import EXTRA_EVENTS
+from spikingtac.markers.graded.appearance import DEAD_US, EXTRA_EVENTS, crossing_px
 from spikingtac.markers.graded.event_loss import EventLoss
 from stand_ins.known import known, moving_markers
 
@@ -14,7 +14,10 @@ REFERENCE_PX = np.column_stack([np.linspace(16.0, 304.0, 10), np.full(10, 20.0)]
 CALIBRATION = known(REFERENCE_PX, 7.0, SIZE, (1, 10), STEP)
 EVENTS_PER_PX = 4 * 7.0 * 6.0 * EXTRA_EVENTS
 BACKGROUND_PER_MS = 20
-SPEED_PX_S = event_loss.USUAL_PX_S  # At which swings have the calibrated number of events.
+SPEED_PX_S = 200.0
+# Share of the calibrated events of a swing that the dead time leaves at that speed.
+PER_PX_S = 1e-6 * DEAD_US / (event_loss.HALF_CROSSINGS * crossing_px(CALIBRATION)[0])
+LEFT = (1.0 + event_loss.USUAL_PX_S * PER_PX_S) / (1.0 + SPEED_PX_S * PER_PX_S)
 STROKE_PX = 8.0  # To and fro about the rest.
 NONE = np.zeros(11, np.int64)
 AREA_PX = np.append(np.full(10, 32 * 40), 0)  # In each gate, and in none.
@@ -29,7 +32,7 @@ def watched(ratio: float, moving: int = 10, seconds: float = 3.0) -> EventLoss:
         background = rng.poisson(BACKGROUND_PER_MS * ratio / 10, 10)
         watch.update(moving_markers(REFERENCE_PX), np.append(background, 0), 1e-3)
         assert not watch.measured
-    signal = EVENTS_PER_PX * SPEED_PX_S * 1e-3 * ratio * (np.arange(10) < moving)
+    signal = EVENTS_PER_PX * SPEED_PX_S * LEFT * 1e-3 * ratio * (np.arange(10) < moving)
     for _ in range(int(seconds * 1e3)):
         counts = rng.poisson(BACKGROUND_PER_MS * ratio / 10 + signal)
         position += 1e-3 * velocity

@@ -272,7 +272,7 @@ def test_a_skin_whose_release_lost_its_events_is_put_back(lost_share: float) -> 
     assert max(off_px[700:]) < 1.0
 
 
-@pytest.mark.parametrize("hit", [COUNT, 4])
+@pytest.mark.parametrize("hit", [COUNT, 3])
 def test_trails_of_a_fast_hit_are_no_release_but_new_light_is(hit: int) -> None:
     skin, rng = MisplacedSkin(CALIBRATION), np.random.default_rng(1)
     hit_px = REST_PX + np.multiply.outer(np.arange(COUNT) < hit, [12.0, 0.0])
