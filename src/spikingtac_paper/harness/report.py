@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 from collections import defaultdict
@@ -14,11 +13,13 @@ from typing import Any, Literal
 import numpy as np
 
 from spikingtac.atomic_files import write_json, write_text
+from spikingtac.batch import write_rows
 from spikingtac_paper.harness.run import RunOptions, provenance
 
 CONFIDENCE = 0.95  # Confidence level of the intervals.
 REPORT = "report.json"
 COUNTED = ("markers", "approaches")  # Units of whole numbers.
+COLUMNS = ("method", "case", "metric", "value", "unit", "n", "seeds", "ci95", "source", "paper")
 
 # Source of a row -> what the page calls it; these are never merged.
 SOURCES = {"twin": "simulated (twin)", "v2e": "simulated (v2e)", "recorded": "recorded"}
@@ -204,7 +205,8 @@ def write_report(report: Report, options: RunOptions, **counts: int) -> dict[str
     name = report.settings.get("experiment") or report.settings["bench"]
     document = {"experiment": name, "provenance": about, "findings": findings}
     write_json(folder / REPORT, document | {"rows": rows})
-    write_text(folder / "tables" / "rows.csv", _csv(rows))
+    lines = [{name: row[name] for name in COLUMNS} | {"ci95": _ends(row["ci95"])} for row in rows]
+    write_rows(folder / "tables" / "rows.csv", COLUMNS, lines)
     for number, (_, svg) in enumerate(report.figures, 1):
         write_text(folder / "figures" / f"figure{number}.svg", svg)
     write_text(folder / "report.html", html_page(report, about))
@@ -212,15 +214,8 @@ def write_report(report: Report, options: RunOptions, **counts: int) -> dict[str
     return summary | {"rows": len(rows), "findings": findings}
 
 
-def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
-    out = io.StringIO(newline="")
-    columns = ["method", "case", "metric", "value", "unit", "n", "seeds", "ci95", "source", "paper"]
-    writer = csv.DictWriter(out, columns, extrasaction="ignore", lineterminator="\n")
-    writer.writeheader()
-    for row in rows:
-        ends = " to ".join(f"{end:.6g}" for end in row["ci95"]) if row["ci95"] else ""
-        writer.writerow({**row, "ci95": ends})
-    return out.getvalue()
+def _ends(ci95: Sequence[float] | None) -> str:
+    return " to ".join(f"{end:.6g}" for end in ci95) if ci95 else ""
 
 
 def html_page(report: Report, about: Mapping[str, Any]) -> str:

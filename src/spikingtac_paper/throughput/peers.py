@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spikingtac import Calibration
 from spikingtac.config import load_config
-from spikingtac.errors import MissingExtraError
+from spikingtac.errors import import_extra
 from spikingtac.events import BackgroundActivityFilter
 from spikingtac.markers import (
     PROXIMITY_SHARE,
@@ -99,10 +99,7 @@ def opencv_tuned(calibration: Calibration) -> PeerTracker:
 def trackpy_locate(calibration: Calibration) -> PeerTracker:
     """Return trackpy's ``locate`` on the blurred map, identities by the k-d tree."""
     cv2 = _opencv()
-    try:
-        import trackpy
-    except ImportError as error:
-        raise MissingExtraError("trackpy is missing; install it with: spikingtac[bench]") from error
+    trackpy = import_extra("trackpy", "a comparison with peers", "bench")
     trackpy.quiet()
     radius_px = float(calibration.radius_px.mean())
     diameter = 2 * round(radius_px) + 1
@@ -148,9 +145,6 @@ PEERS: dict[str, Callable[[Calibration], PeerTracker]] = {
 
 
 def _opencv() -> Any:
-    try:
-        import cv2
-    except ImportError as error:
-        raise MissingExtraError("OpenCV is missing; install it with: spikingtac[bench]") from error
+    cv2 = import_extra("cv2", "a comparison with peers", "bench")
     cv2.setNumThreads(1)
     return cv2
