@@ -61,8 +61,8 @@ def send_both(out: socket.socket, sources: Sequence[CameraSource]) -> None:
         send(out, number, [*zip(sources, (0, LATER_US), strict=True)])
 
 
-def two_cameras(more: str = "") -> list[CameraSource]:
-    address = Address.parse(f"udp:127.0.0.1:0?encoding=evt2&size=320x320{more}")
+def two_cameras() -> list[CameraSource]:
+    address = Address.parse("udp:127.0.0.1:0?encoding=evt2&size=320x320")
     return [CameraSource(address, ReadOptions()) for _ in range(2)]
 
 

@@ -34,12 +34,12 @@ def pressure(compliance: Array, indentation: Array) -> Array:
     return nnls(root.T, np.linalg.solve(root, indentation.astype(np.float64)))[0]
 
 
-def shear(xx: Array, xy: Array, yy: Array, target: Array, bound: Array, steps: int = 5000) -> Array:
+def shear(xx: Array, xy: Array, yy: Array, target: Array, bound: Array) -> Array:
     """Solve friction by projected gradient steps of fixed length."""
     compliance = np.block([[xx, xy], [xy.T, yy]]).astype(np.float64)
     length = 1.0 / np.linalg.eigvalsh(compliance)[-1]
     tau = np.zeros(target.shape)
-    for _ in range(steps):
+    for _ in range(5_000):
         tau += length * (target - (compliance @ tau.ravel()).reshape(2, -1))
         tau *= np.minimum(1.0, bound / np.maximum(np.hypot(*tau), 1e-30))
     return tau

@@ -20,8 +20,8 @@ from spikingtac_paper.free_motion.small_motion import (
 STEP_US = 1000.0
 
 
-def sensor_of(count: int, leak_hz: float = 2.0):
-    pixel = PixelConfig(mismatch=0.03, leak_hz=leak_hz, refractory_us=50.0)
+def sensor_of(count: int):
+    pixel = PixelConfig(mismatch=0.03, leak_hz=2.0, refractory_us=50.0)
     config = CameraConfig(light=LightConfig(blur_px=0.9), pixel=pixel)
     sensor = make_sensor(config, (count, 1), np.random.default_rng(0))
     settle_sensor(sensor, np.zeros((1, count), np.float32), 0.0, "random", np.random.default_rng(1))

@@ -33,14 +33,14 @@ def cdr(
     return data + bytes(-(len(data) - 4) % 4) + _sized(events)
 
 
-def write_db3(path: Path, messages: list[bytes], kind: str = KIND) -> None:
+def write_db3(path: Path, messages: list[bytes]) -> None:
     """Write a ROS 2 bag in sqlite3."""
     with sqlite3.connect(path) as base:
         base.execute("CREATE TABLE topics(id INTEGER, name TEXT, type TEXT)")
         base.execute(
             "CREATE TABLE messages(id INTEGER, topic_id INTEGER, timestamp INTEGER, data BLOB)"
         )
-        base.execute("INSERT INTO topics VALUES(1, '/events', ?)", (kind,))
+        base.execute("INSERT INTO topics VALUES(1, '/events', ?)", (KIND,))
         stored = [(index, 1, index, data) for index, data in enumerate(messages)]
         base.executemany("INSERT INTO messages VALUES(?, ?, ?, ?)", stored)
     base.close()

@@ -13,6 +13,7 @@ from spikingtac.types import EventPacket
 SIZE = (128, 128)
 PERIOD_US = 2000
 RADIUS_PX = 7.0
+STROKE_PX = 14.0
 CENTERS = np.array([[40.2, 40.1], [80.3, 40.4], [40.2, 80.7], [80.1, 80.2]])
 
 
@@ -22,22 +23,22 @@ def image(t_us, shift=(0.0, 0.0), centers=CENTERS) -> MarkerImage:
     return MarkerImage(int(t_us), centers + np.asarray(shift), shape, radius_px)
 
 
-def strokes(speed_px_s: float, travel_px: float, length_px: float = 14.0) -> list[MarkerImage]:
+def strokes(speed_px_s: float, travel_px: float) -> list[MarkerImage]:
     """Move to and fro at a steady speed."""
     period_us = PERIOD_US if speed_px_s < 500 else PERIOD_US // 10  # images must catch the turns
     count = round(travel_px / speed_px_s * 1e6 / period_us)
     way = speed_px_s * np.arange(count + 1) * period_us * 1e-6
-    place = length_px - np.abs(way % (2 * length_px) - length_px)
+    place = STROKE_PX - np.abs(way % (2 * STROKE_PX) - STROKE_PX)
     angled = np.stack([place, 0.3 * place], axis=1) / math.hypot(1, 0.3)
     return [image(k * period_us, shift) for k, shift in enumerate(angled)]
 
 
-def camera(name="clean", contrast=6.0, seed=1, **pixel) -> EventCamera:
+def camera(name="clean", contrast=6.0, **pixel) -> EventCamera:
     """Return a small sensor without background and leak."""
     config = replace(load_camera(name), background=BackgroundConfig())
     light = replace(config.light, contrast=contrast)
     changed = replace(config.pixel, leak_hz=0.0, **pixel)
-    return EventCamera(replace(config, light=light, pixel=changed), SIZE, seed)
+    return EventCamera(replace(config, light=light, pixel=changed), SIZE, seed=1)
 
 
 def film(sensor: EventCamera, images, history="random") -> EventPacket:

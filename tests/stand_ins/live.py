@@ -52,8 +52,7 @@ class MovedBy:
 class CountingTracker:
     """Its one marker stands at (events seen, sum of their columns): any loss or repeat shows."""
 
-    def __init__(self, gain: float = 1.0) -> None:
-        self.gain = gain
+    def __init__(self) -> None:
         self.reset()
 
     def absorb(self, packet: EventPacket) -> None:
@@ -61,7 +60,7 @@ class CountingTracker:
         self.total += int(packet.x.sum())
 
     def estimate(self, t_us: int) -> MarkerFrame:
-        position = self.gain * np.array([[self.seen, self.total]], np.float64)
+        position = np.array([[self.seen, self.total]], np.float64)
         return frame_of(t_us, np.zeros((1, 2)), position)
 
     def reset(self) -> None:

@@ -65,9 +65,9 @@ def fired(
     return np.concatenate(events, axis=1)
 
 
-def rare_off_events(seed: int = 1) -> EventPacket:
+def rare_off_events() -> EventPacket:
     """Return the events of :func:`presses_px`, for pixels of unlike thresholds."""
-    rng, shape = np.random.default_rng(seed), SIZE[1] * SIZE[0]
+    rng, shape = np.random.default_rng(1), SIZE[1] * SIZE[0]
     on, off = (step * (1.0 + MISMATCH * rng.normal(size=shape)) for step in (STEP_ON, STEP_OFF))
     known = levels(presses_px()[0]).ravel() + rng.uniform(-on, off)  # the last contact
     sample, pixels, rises = fired(map(levels, presses_px()), on, off, known)

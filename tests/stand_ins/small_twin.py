@@ -4,7 +4,7 @@ Rendered once per run with fixed seeds: sixteen markers on 176 x 176 px, a camer
 ``typical``, four seconds of slides and two and a half of touches.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -98,9 +98,9 @@ class Film:
         places = [np.interp(t_us, self.truth.marker_t_us, column) for column in flat.T]
         return np.stack(places, axis=1).reshape(len(t_us), -1, 2)
 
-    def velocity_px_s(self, t_us: np.ndarray, over_us: int = 1_000) -> np.ndarray:
+    def velocity_px_s(self, t_us: np.ndarray) -> np.ndarray:
         """Return ``(n, m, 2)`` true velocities, px/s."""
-        return (self.at(t_us + over_us // 2) - self.at(t_us - over_us // 2)) / (over_us * 1e-6)
+        return 1e3 * (self.at(t_us + 500) - self.at(t_us - 500))
 
     def covered(self, marker: int, reach_px: float, t_us: tuple[int, int]) -> list[EventPacket]:
         """Return the events without those around a marker's rest, while something covers it."""
@@ -111,9 +111,9 @@ class Film:
             out.append(packet.select(~near))
         return out
 
-    def source(self, packets: Sequence[EventPacket] | None = None) -> PacketSource:
+    def source(self) -> PacketSource:
         """Return the events as a source that can be read more than once."""
-        return PacketSource(self.packets if packets is None else packets, self.size)
+        return PacketSource(self.packets, self.size)
 
 
 def _slides_of_a_plate(dx_mm: float, dy_mm: float) -> dict[str, Any]:

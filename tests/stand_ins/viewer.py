@@ -109,11 +109,11 @@ class EverySecond(BurstDetector):
         return Contact(t_us, count_of(window), 20.0) if t_us % PERIOD_US == 300_000 else None
 
 
-def open_circling(duration_us: int = 4_000_000, noise_per_ms: int = 50) -> ViewSource:
+def open_circling(duration_us: int = 4_000_000) -> ViewSource:
     times_us = np.arange(0, duration_us + 1, 2_000)
     return ViewSource(
         label="circling dots",
-        source=CirclingDots(duration_us, noise_per_ms),
+        source=CirclingDots(duration_us, noise_per_ms=50),
         calibration=known(reference_px(), RADIUS_PX, SIZE, px_per_mm=15.5),
         config=Settings(),
         make_tracker=KnowingTracker,

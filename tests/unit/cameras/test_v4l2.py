@@ -17,15 +17,15 @@ from stand_ins.camera_counterparts import ENCODERS, END_MARKS, events
 FRAME_BYTES = FRAME[0] * FRAME[1]
 
 
-def frames(packets: list[EventPacket], encoding: str, mark: bool = True) -> bytes:
+def frames(packets: list[EventPacket], encoding: str) -> bytes:
     """Return frames as the driver fills them: words, the mark, and what an earlier frame left."""
     encoder = ENCODERS[encoding]()
     rest = np.random.default_rng(0).bytes(FRAME_BYTES)
     data = b""
     for packet in packets:
         words = encoder.encode(packet.t, packet.x, packet.y, packet.p).tobytes()
-        end = END_MARKS[encoding] if mark else b""
-        data += words + end + (rest if mark else bytes(FRAME_BYTES))[len(words) + len(end) :]
+        end = END_MARKS[encoding]
+        data += words + end + rest[len(words) + len(end) :]
     return data
 
 

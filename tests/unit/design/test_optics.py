@@ -27,9 +27,9 @@ def imaging(design: Design) -> Imaging:
     return Imaging(Layout(design))
 
 
-def without_plates(distortion: float = 0.0) -> Design:
+def without_plates() -> Design:
     return load_design().changed(
-        window={"index": 1.0}, skin={"gel_index": 1.0}, lens={"distortion": distortion}
+        window={"index": 1.0}, skin={"gel_index": 1.0}, lens={"distortion": 0.0}
     )
 
 

@@ -148,12 +148,12 @@ def line(t_us: NDArray[Any], begun_us: float = 0.0, channel: int = 2) -> SyncLin
     return SyncLine(int(begun_us), triggers)
 
 
-def assert_true(found: Any, sigmas: float = 4.0) -> None:
+def assert_true(found: Any) -> None:
     drift_ppm = (1.0 / (1.0 + DRIFT_PPM * 1e-6) - 1.0) * 1e6
     assert found.learned_from == "triggers"
     true_us = (found.own_us - OFFSET_US) / (1.0 + DRIFT_PPM * 1e-6)
-    assert abs(found.base_us - true_us) < sigmas * found.error_us
-    assert abs(found.drift_ppm - drift_ppm) < sigmas * found.drift_error_ppm
+    assert abs(found.base_us - true_us) < 4.0 * found.error_us
+    assert abs(found.drift_ppm - drift_ppm) < 4.0 * found.drift_error_ppm
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -289,9 +289,9 @@ def test_aedat3_keeps_its_triggers_and_leaves_frames_out(tmp_path: Path) -> None
     data = X.astype("u4") << 17 | Y.astype("u4") << 2 | P.astype("u4") << 1 | 1
     data[7] ^= 1  # not valid
 
-    def packet(kind: int, size: int, body: bytes, overflows: int = 1) -> bytes:
+    def packet(kind: int, size: int, body: bytes) -> bytes:
         count = len(body) // size
-        return struct.pack("<hhiiiiii", kind, 1, size, 4, overflows, count, count, count) + body
+        return struct.pack("<hhiiiiii", kind, 1, size, 4, 1, count, count, count) + body
 
     pairs = np.column_stack([data, T]).astype("<u4")
     special = np.array([2 << 1 | 1, 100, 3 << 1 | 1, 200, 7 << 1 | 1, 300], "<u4")

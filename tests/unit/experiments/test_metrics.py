@@ -14,9 +14,8 @@ REST = np.array([[50.0, 50.0], [90.0, 50.0], [50.0, 90.0], [90.0, 90.0]])
 TIMES_US = np.arange(0, 1_000_000, 2_000)
 
 
-def truth(marker_px: np.ndarray | None = None, released_us: int = 600_000) -> GroundTruth:
-    course = np.tile(REST, (len(TIMES_US), 1, 1)) if marker_px is None else marker_px
-    return GroundTruth(TIMES_US, course, REST, np.full(4, 7.0), released_us)
+def truth() -> GroundTruth:
+    return GroundTruth(TIMES_US, moving(), REST, np.full(4, 7.0), released_us=600_000)
 
 
 def said(detected_px: np.ndarray, position_px: np.ndarray | None = None) -> Prediction:
@@ -31,7 +30,7 @@ def moving() -> np.ndarray:
 
 
 def test_the_truth_scores_perfectly() -> None:
-    scores = point_scores(said(moving()), truth(moving()))
+    scores = point_scores(said(moving()), truth())
     assert set(scores) == {metric.name for metric in POINT_METRICS}
     assert scores["success_rate"] == 1.0
     assert scores["error_mean_px"] == pytest.approx(0.0, abs=1e-5)
@@ -39,7 +38,7 @@ def test_the_truth_scores_perfectly() -> None:
 
 
 def test_a_constant_offset_shows_in_each_metric_as_defined() -> None:
-    scores = point_scores(said(moving() + np.array([0.6, 0.8])), truth(moving()))
+    scores = point_scores(said(moving() + np.array([0.6, 0.8])), truth())
     for name in ("error_mean_px", "error_p95_px", "error_final_px", "return_error_mean_px"):
         assert scores[name] == pytest.approx(1.0, abs=1e-4)
     assert scores["return_mean_px"] == pytest.approx(1.0, abs=1e-4)
@@ -49,7 +48,7 @@ def test_a_constant_offset_shows_in_each_metric_as_defined() -> None:
 
 
 def test_the_return_is_that_of_the_given_position_and_the_error_that_of_the_detected() -> None:
-    scores = point_scores(said(moving(), moving() + np.array([6.0, 0.0])), truth(moving()))
+    scores = point_scores(said(moving(), moving() + np.array([6.0, 0.0])), truth())
     assert scores["return_mean_px"] == pytest.approx(6.0, abs=1e-4)
     assert scores["success_rate"] == 0.0
     assert scores["error_mean_px"] == pytest.approx(0.0, abs=1e-5)
@@ -59,23 +58,23 @@ def test_the_return_is_that_of_the_given_position_and_the_error_that_of_the_dete
 def test_lost_means_more_than_fifty_milliseconds(samples: int, lost: float) -> None:
     off = moving()
     off[100 : 100 + samples, 1, 0] += 6.0
-    assert point_scores(said(off), truth(moving()))["lost_markers"] == lost
+    assert point_scores(said(off), truth())["lost_markers"] == lost
 
 
 def test_exchanged_identities_are_counted() -> None:
     swapped = moving()
     swapped[200:, [0, 1]] = swapped[200:, [1, 0]]
-    assert point_scores(said(swapped), truth(moving()))["id_swaps"] == 2.0
+    assert point_scores(said(swapped), truth())["id_swaps"] == 2.0
 
 
 def test_damaged_markers_are_not_asked_for_but_stay_as_a_place_to_be_mistaken_for() -> None:
     off = moving()
     off[:, 3] += 30.0
-    scores = point_scores(said(off), truth(moving()), damaged=(3,))
+    scores = point_scores(said(off), truth(), damaged=(3,))
     assert scores["error_mean_px"] == pytest.approx(0.0, abs=1e-5)
     stolen = moving()
     stolen[:, 2] = stolen[:, 3]
-    assert point_scores(said(stolen), truth(moving()), damaged=(3,))["id_swaps"] == 1.0
+    assert point_scores(said(stolen), truth(), damaged=(3,))["id_swaps"] == 1.0
 
 
 def test_longest_duration_against_a_plain_loop() -> None:

@@ -170,9 +170,9 @@ def approaching(rng: np.random.Generator, kind: type[UR3Twin] = UR3Twin) -> UR3T
     return arm
 
 
-def overshoots_mm(kind: type[UR3Twin], trials: int = 800) -> np.ndarray:
+def overshoots_mm(kind: type[UR3Twin]) -> np.ndarray:
     rng, found = np.random.default_rng(1), []
-    for _ in range(trials):
+    for _ in range(800):
         arm = approaching(rng, kind)
         touched_mm = arm.true_position_mm()[0]
         arm.stop()

@@ -51,8 +51,8 @@ class Stream:
             raise self._error
 
 
-def read(stream: Stream, room_bytes: int = 1 << 20) -> EventReader:
-    return EventReader(stream, stream, new_ring(SIZE, room_bytes))
+def read(stream: Stream) -> EventReader:
+    return EventReader(stream, stream, new_ring(SIZE, 1 << 20))
 
 
 def test_everything_comes_in_order_with_losses_and_edges() -> None:

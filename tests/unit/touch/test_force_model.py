@@ -28,12 +28,12 @@ def press(center: np.ndarray, depth: float, drag: np.ndarray) -> np.ndarray:
 PRESS = press(np.array([2.5, 2.0]), 1.0, np.zeros(2))
 
 
-def series(seed: int, *, largest: float = 1.0, rest_mm: float = 0.0) -> WrenchSeries:
+def series(seed: int, *, rest_mm: float = 0.0) -> WrenchSeries:
     """Presses that spread the markers and drag them; shear is linear, pressing a power law."""
     rng = np.random.default_rng(seed)
     frames = []
     for _ in range(60):
-        depth, drag = largest * rng.uniform(0.2, 1.0), rng.uniform(-0.5, 0.5, 2)
+        depth, drag = rng.uniform(0.2, 1.0), rng.uniform(-0.5, 0.5, 2)
         center = rng.uniform([1.5, 1.5], [3.5, 2.5])
         for share in np.r_[np.zeros(3), np.linspace(0, 1, 10)]:
             force = [*(4.0 * share * drag), -3.0 * (share * depth) ** 1.5]

@@ -30,8 +30,8 @@ def counted(store: EventStore, rate_hz: float, on_frame: Any = lambda _: None) -
     return Playback(store, view, on_frame)
 
 
-def playback(rate_hz: float = 1000.0) -> Playback:
-    return counted(EventStore(random_source(seed=3, packets=60)), rate_hz)
+def playback() -> Playback:
+    return counted(EventStore(random_source(seed=3, packets=60)), 1000.0)
 
 
 def tracked_to(play: Playback, t_us: int) -> np.ndarray:
