@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.ndimage import minimum_filter1d
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
@@ -26,12 +25,11 @@ from spikingtac.state_map.binary import BinaryStateMap
 from spikingtac.state_map.graded import GradedStateMap
 from spikingtac.tracks import Tracks
 from spikingtac.types import EventPacket
+from spikingtac_paper.trials.metrics import LOST_US, SUCCESS_PX, longest_duration_us
+from spikingtac_paper.trials.trajectories import GroundTruth
 from stand_ins.known import known
 
 RATE_HZ = 1_000.0
-
-# A marker counts as lost when it is off by more than 5 px for more than 50 ms.
-LOST_PX, LOST_FRAMES = 5.0, 50
 
 
 @cache
@@ -43,12 +41,6 @@ def tracker_of(folder: Path, preset: str) -> MarkerTracker:
     return make_tracker(load_config(preset).tracking, calibration(folder))
 
 
-def true_positions(truth: dict[str, np.ndarray], t_us: np.ndarray) -> np.ndarray:
-    columns = truth["marker_px"].reshape(len(truth["marker_t_us"]), -1).T.astype(np.float64)
-    at_times = [np.interp(t_us, truth["marker_t_us"], column) for column in columns]
-    return np.stack(at_times, axis=1).reshape(len(t_us), -1, 2)
-
-
 class Outcome:
     """How a tracker did on mix.raw."""
 
@@ -56,17 +48,16 @@ class Outcome:
         self, folder: Path, tracker: MarkerTracker, packets: Iterable[EventPacket], rate_hz: float
     ) -> None:
         found = Tracks.of(follow(packets, tracker, rate_hz), calibration(folder))
-        self.detected_px, self.coasted = found.detected_px, found.coasted
-        self.truth_px = true_positions(dict(np.load(folder / "mix.truth.npz")), found.t_us)
+        self.t_us, self.detected_px, self.coasted = found.t_us, found.detected_px, found.coasted
+        self.truth_px = GroundTruth.load(folder / "mix.truth.npz").at(found.t_us)
         self.error_px = np.linalg.norm(self.detected_px - self.truth_px, axis=2)
         self.mean_px = float(self.error_px.mean())
         self.p95_px = float(np.percentile(self.error_px, 95))
         print(f"mean {self.mean_px:.3f} px, p95 {self.p95_px:.3f} px (v2e, simulated)")
 
     def lost(self) -> int:
-        off = (self.error_px > LOST_PX).astype(float)
-        always = minimum_filter1d(off, LOST_FRAMES + 1, axis=0, mode="constant")
-        return int(always.any(axis=0).sum())
+        away_us = longest_duration_us(self.error_px > SUCCESS_PX, self.t_us)
+        return int((away_us > LOST_US).sum())
 
     def swaps(self) -> int:
         nearest = np.linalg.norm(self.detected_px[-1][:, None] - self.truth_px[-1][None], axis=2)

@@ -16,6 +16,7 @@ from spikingtac.events.source import PacketSource
 from spikingtac.schema import build
 from spikingtac.sim.scene import Scene
 from spikingtac.sim.source import TruthChunk
+from spikingtac_paper.trials.trajectories import places_at
 from stand_ins.made_once import made_once
 
 SLIDES_SEED, TOUCHES_SEED = 1, 1
@@ -94,9 +95,7 @@ class Film:
 
     def at(self, t_us: np.ndarray) -> np.ndarray:
         """Return ``(n, m, 2)`` true positions, px."""
-        flat = self.truth.marker_px.reshape(len(self.truth.marker_t_us), -1).astype(np.float64)
-        places = [np.interp(t_us, self.truth.marker_t_us, column) for column in flat.T]
-        return np.stack(places, axis=1).reshape(len(t_us), -1, 2)
+        return places_at(t_us, self.truth.marker_t_us, self.truth.marker_px.astype(np.float64))
 
     def velocity_px_s(self, t_us: np.ndarray) -> np.ndarray:
         """Return ``(n, m, 2)`` true velocities, px/s."""
