@@ -5,6 +5,7 @@ import gc
 import os
 import shutil
 import signal
+import socket
 import sys
 import tempfile
 from collections.abc import Generator, Iterator
@@ -90,6 +91,13 @@ def controller() -> Iterator[URController]:
     pytest.importorskip("rtde_control", reason="the extra [robot] is not installed")
     with URController() as fake:
         yield fake
+
+
+@pytest.fixture
+def out() -> Iterator[socket.socket]:
+    """Return one sender of datagrams: a camera listens to the first that it hears."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        yield sender
 
 
 @contextmanager

@@ -48,12 +48,11 @@ def start(folder: Path, port: int, *more: object) -> subprocess.Popen[str]:
     return process
 
 
-def send(port: int, packets: list[EventPacket]) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-        for packet in packets:
-            for datagram in datagrams(packet):
-                out.sendto(datagram, ("127.0.0.1", port))
-            time.sleep(0.005)
+def send(out: socket.socket, port: int, packets: list[EventPacket]) -> None:
+    for packet in packets:
+        for datagram in datagrams(packet):
+            out.sendto(datagram, ("127.0.0.1", port))
+        time.sleep(0.005)
 
 
 def bursts(count: int) -> list[EventPacket]:
@@ -72,16 +71,18 @@ def readable(folder: Path) -> int:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_completes_a_recording_in_parts(tmp_path: Path, number: int) -> None:
+def test_a_signal_completes_a_recording_in_parts(
+    tmp_path: Path, number: int, out: socket.socket
+) -> None:
     folder, port = tmp_path / "rec", free_port()
     process = start(folder, port, "--split", "0.05s")
     sent = bursts(40)
-    send(port, sent)
+    send(out, port, sent)
     wait_until(lambda: readable(folder) == 80_000)
     process.send_signal(number)
-    out, error = process.communicate(timeout=PATIENCE_S)
+    document, error = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, error
-    told = json.loads(out)
+    told = json.loads(document)
     assert (told["ended"], told["events"], told["lost_events"]) == ("closed", 80_000, 0)
     assert told["files"] >= 2
     assert {told["health"][key] for key in ("gaps", "overflows", "damaged", "reconnects")} == {0}

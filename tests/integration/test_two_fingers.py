@@ -4,7 +4,7 @@ import itertools
 import socket
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,13 +37,6 @@ def burst(number: int, shift_us: int) -> EventPacket:
     t = shift_us + 1_000 + round(number * PERIOD_S * 1e6) + np.arange(200, dtype=np.int64)
     x, y = np.full(200, number, np.uint16), np.arange(200, dtype=np.uint16)
     return EventPacket(x, y, x % 2 == 0, t, int(t[0]), int(t[-1]) + 1, SIZE)
-
-
-@pytest.fixture
-def out() -> Iterator[socket.socket]:
-    """One sender: a camera listens to the first that it hears."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as opened:
-        yield opened
 
 
 def send(out: socket.socket, number: int, cameras: Sequence[tuple[CameraSource, int]]) -> None:

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 from spikingtac.events.camera import Address, Camera, open_camera
-from spikingtac.events.evt.encode import Evt2Encoder, Evt3Encoder, Evt21Encoder
+from spikingtac.events.evt.encode import ENCODERS, Evt2Encoder
 from spikingtac.events.evt.raw import format_header
 from spikingtac.types import EventPacket
 from stand_ins.camera_modules import DriversDevice, HalDevice, drivers_module, hal_module
@@ -35,7 +35,6 @@ SIZE = (320, 320)
 DATAGRAM_BYTES = 1472
 TRANSFER_BYTES = 2048 * 4
 FRAME_BYTES = 4096 * 32  # Frames of a test; the driver's have 391 lines.
-ENCODERS = {"evt2": Evt2Encoder, "evt21": Evt21Encoder, "evt3": Evt3Encoder}
 END_MARKS = {
     "evt2": (0xE1234519).to_bytes(4, "little"),
     "evt21": (0xE1234019_89ABCDEF).to_bytes(8, "little"),

@@ -25,12 +25,6 @@ def camera() -> Iterator[UdpCamera]:
     camera.close()
 
 
-@pytest.fixture
-def out() -> Iterator[socket.socket]:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        yield sender
-
-
 def sent(out: socket.socket, camera: UdpCamera, pieces: Iterable[bytes]) -> None:
     for piece in pieces:
         out.sendto(piece, ("127.0.0.1", camera.port))

@@ -10,9 +10,10 @@ import pytest
 from spikingtac.cameras.v4l2 import FRAME, READ_BYTES
 from spikingtac.errors import DeviceError
 from spikingtac.events.camera import Address, open_camera
+from spikingtac.events.evt.encode import ENCODERS
 from spikingtac.events.open import open_events
 from spikingtac.types import EventPacket
-from stand_ins.camera_counterparts import ENCODERS, END_MARKS, events
+from stand_ins.camera_counterparts import END_MARKS, events
 
 FRAME_BYTES = FRAME[0] * FRAME[1]
 

@@ -14,15 +14,14 @@ import gc
 from spikingtac.cameras.words import warm_up
 from spikingtac.events.evt.words import WordStream
 from spikingtac.events.formats.codec import Triggers
-from spikingtac.events.evt.encode import Evt2Encoder, Evt3Encoder, Evt21Encoder
+from spikingtac.events.evt.encode import ENCODERS
 from spikingtac.types import LossCounters
 
 encoding, SIZE = sys.argv[1], (320, 320)
 rng = np.random.default_rng(0)
 t = np.sort(rng.integers(1_000, 400_000, 40_000)).astype(np.int64)
 x, y = (rng.integers(0, 320, len(t)).astype(np.uint16) for _ in range(2))
-encoder = {"evt2": Evt2Encoder, "evt21": Evt21Encoder, "evt3": Evt3Encoder}[encoding]()
-sound = encoder.encode(t, x, y, x > y).tobytes()
+sound = ENCODERS[encoding]().encode(t, x, y, x > y).tobytes()
 
 def compiled():
     return {

@@ -160,14 +160,12 @@ def test_what_is_not_shared_says_how_it_would_be() -> None:
         RingCamera.open(Address.parse("ring:../etc"))
 
 
-def test_any_verbs_camera_is_shared_where_its_address_says_so() -> None:
+def test_any_verbs_camera_is_shared_where_its_address_says_so(out: socket.socket) -> None:
     port_text = f"udp:127.0.0.1:0?encoding=evt2&share={NAME}"
     source = CameraSource(Address.parse(port_text), ReadOptions())
     camera = RingCamera.open(ADDRESS)
-    sent = events(20_000)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-        for piece in datagrams(sent)[:40]:
-            out.sendto(piece, ("127.0.0.1", source.camera.port))  # type: ignore[attr-defined]
+    for piece in datagrams(events(20_000))[:40]:
+        out.sendto(piece, ("127.0.0.1", source.camera.port))  # type: ignore[attr-defined]
     taken, packets = 0, iter(source)
     while not taken:
         taken += len(next(packets))
