@@ -75,8 +75,8 @@ FLAT_SHARE, FLAT_US = 0.1, 20_000
 # Share of the peak strength by which a skin that stands still may change.
 STILL_SLACK = 0.02
 
-# Time for which a skin below :data:`STILL_SHARE` must stand still to have been released before
-# . Pixels that recover let it fall further later.
+# Time for which a skin below :data:`STILL_SHARE` must stand still to have been released when it
+# began to stand, us. Pixels that recover let it fall further later.
 STOOD_US = 50_000
 
 # Longest time that they take for that (143 and 187 ms on a recorded gel; a comb that is
