@@ -157,8 +157,7 @@ def run(options: RunOptions) -> dict[str, Any]:
     count = options.seeds or (1 if options.quick else FULL_SEEDS)
     seeds = tuple(FIRST_SEED + options.seed + number for number in range(count))
     plan = QUICK_PLAN if options.quick else Plan()
-    settings = {"experiment": NAME, "quick": options.quick, "seeds": seeds, **asdict(plan)}
-    options.begin(settings)
+    settings = options.begin(experiment=NAME, seeds=seeds, **asdict(plan))
     jobs = [Job(plan, scene, seed) for scene in TRAJECTORIES for seed in seeds]
     if options.data is not None and (options.data / V2E / "mix.raw").is_file():
         jobs.insert(0, Job(plan, "mix", seeds[0], options.data))

@@ -92,9 +92,7 @@ def run(options: RunOptions) -> dict[str, Any]:
     table = default_variants if options.ablations else main_methods
     known = table()
     names = select_methods(known, options.methods)
-    settings = {"experiment": NAME, "ablations": options.ablations, "methods": names,
-                "quick": options.quick}  # fmt: skip
-    options.begin(settings)
+    settings = options.begin(experiment=NAME, ablations=options.ablations, methods=names)
     there = [trial for trial in TRIALS if trial.is_there(options.data)]
     chosen = [trial for trial in there if not options.quick or trial.case in QUICK_CASES]
     common = {"methods": tuple(names), "table": table, "folder": options.output}

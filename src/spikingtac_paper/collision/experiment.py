@@ -276,8 +276,7 @@ def run(options: RunOptions) -> dict[str, Any]:
     size = replace(QUICK if options.quick else RunSize(), first_seed=options.seed)
     if options.seeds and not options.quick:
         size = replace(size, seeds=options.seeds)
-    settings = {"experiment": NAME, "quick": options.quick, "methods": names, **asdict(size)}
-    options.begin(settings)
+    settings = options.begin(experiment=NAME, methods=names, **asdict(size))
     approaches, stretches = run_all(options, size, tuple(names))
     rows = collision_rows(approaches, stretches)
     scenes = {preset: CollisionScene(preset=preset) for preset in PRESETS}

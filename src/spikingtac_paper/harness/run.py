@@ -77,9 +77,15 @@ class RunOptions:
         words += [f"--methods {' '.join(self.methods)}"] if self.methods else []
         return " ".join(words)
 
-    def begin(self, settings: dict[str, Any]) -> None:
-        """Claim the folder for a run with these settings; ConfigError where it holds another."""
+    def begin(self, **settings: Any) -> dict[str, Any]:
+        """Claim the folder for a run with these settings, and return them with ``quick``.
+
+        Raises:
+            ConfigError: The folder holds another run.
+        """
+        settings["quick"] = self.quick
         begin_run(self.output, settings, self.resume, self.overwrite)
+        return settings
 
     def pool(self, tasks: int) -> AbstractContextManager[Executor]:
         """Return the worker pool of a run, to be entered.

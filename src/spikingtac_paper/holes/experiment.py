@@ -179,15 +179,9 @@ def run(options: RunOptions) -> dict[str, Any]:
     """Run the experiment, write its report, and return a summary."""
     names = select_methods(METHODS, options.methods)
     count = options.seeds or (1 if options.quick else FULL_SEEDS)
-    settings = {
-        "experiment": NAME,
-        "quick": options.quick,
-        "first_seed": options.seed,
-        "seeds": count,
-        "methods": names,
-        "detector": DETECTOR,
-    }
-    options.begin(settings)
+    settings = options.begin(
+        experiment=NAME, first_seed=options.seed, seeds=count, methods=names, detector=DETECTOR
+    )
     calibrations, records = touch_all(options, range(options.seed, options.seed + count))
     rows = hole_rows(records, calibrations, names)
     holes = {

@@ -36,8 +36,7 @@ UNITS = {"peak_mb": "MB", "loop_late_p50_ms": "ms", "loop_late_p99_ms": "ms", "r
 
 def run(options: RunOptions) -> dict[str, Any]:
     """Run the bench, write its report, and return a summary."""
-    settings = {"bench": NAME, "quick": options.quick, "seed": options.seed}
-    options.begin(settings)
+    settings = options.begin(bench=NAME, seed=options.seed)
     rows: list[Row] = []
     findings: list[str] = []
     names = [*FAULTS, *LOADS]

@@ -58,14 +58,9 @@ def run(options: RunOptions) -> dict[str, Any]:
     known = table()
     names = select_methods((*known, TRUTH), options.methods)
     count = options.seeds or (1 if options.quick or options.ablations else FULL_SEEDS)
-    settings = {
-        "experiment": NAME,
-        "ablations": options.ablations,
-        "quick": options.quick,
-        "first_seed": options.seed,
-        "seeds": count,
-    }
-    options.begin(settings)
+    settings = options.begin(
+        experiment=NAME, ablations=options.ablations, first_seed=options.seed, seeds=count
+    )
     jobs = [
         TrialJob(
             trial=trial,

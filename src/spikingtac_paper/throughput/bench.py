@@ -69,8 +69,7 @@ METRICS = by_name(
 
 def run(options: RunOptions) -> dict[str, Any]:
     """Run the bench, write its report, and return a summary."""
-    settings = {"bench": NAME, "quick": options.quick, "seed": options.seed}
-    options.begin(settings)
+    settings = options.begin(bench=NAME, seed=options.seed)
     parts: list[Record] = []
     for camera in CAMERAS:
         key = digest({"camera": camera, "settings": settings, "code": code_digest()})

@@ -58,15 +58,14 @@ def run(options: RunOptions) -> dict[str, Any]:
     names = select_methods(METHODS, options.methods)
     if slip.METHODS.keys() & names:
         slip.require_seeds(PARTS["slip"].seeds(options))
-    settings = {
-        "experiment": NAME,
-        "quick": options.quick,
-        "first_seed": options.seed,
-        "seeds": len(PARTS["slip"].seeds(options)),
-        "touch_seeds": len(PARTS["touches"].seeds(options)),
-        "methods": names,
-    }
-    options.begin(settings)
+    seeds, touch_seeds = (len(PARTS[name].seeds(options)) for name in ("slip", "touches"))
+    settings = options.begin(
+        experiment=NAME,
+        first_seed=options.seed,
+        seeds=seeds,
+        touch_seeds=touch_seeds,
+        methods=names,
+    )
     records = _records(options, names)
     rows = rows_of(records, METRICS)
     report = Report(
