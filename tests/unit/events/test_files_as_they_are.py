@@ -74,6 +74,8 @@ TEXTS: dict[str, str] = {
     "polarity as signs alone": table(mark=" ", p=np.where(P, "+", "-")),
     "a label of words": table("txypl", head="t,x,y,p,label\n", l=np.where(P, "slow press", "tap")),
     "a label without a header": table("txlyp", ";", l="b", p=np.where(P, "on", "off")),
+    "an empty column": table("tnxypv", head="t,note,x,y,p,valid\n", n="", v=1),
+    "cells that may be empty": table("txnypm", "\t", n=np.where(P, "", "a b"), m="", p=WORDS),
     "UTF-16": table(head="t,x,y,p\n"),
     "Latin-1": table(head="time (µs),x,y,p\n"),
     "nanoseconds since 1970": table(t=T * 1_000 + 1_700_000_000 * 10**9),

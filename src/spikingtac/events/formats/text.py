@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterator
 from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,9 +33,8 @@ _WORDS = {"true": "1", "on": "1", "+": "1", "false": "0", "off": "0", "-": "0"}
 _SIZE = re.compile(r"(?:size|geometry|resolution)\W{1,3}(\d+)\s*[x,;\s]\s*(\d+)", re.IGNORECASE)
 _WIDTH_HEIGHT = re.compile(r"(?:width\W{1,3}|x@)(\d+).*?(?:height\W{1,3}|y@)(\d+)", re.IGNORECASE)
 _ROW = re.compile(rb"^\s*[^#%\s]", re.MULTILINE)  # NumPy warns of a text without one.
+_COMMENT = re.compile(r"\W*$|\s*[#%]")  # Lines without a row; the first ones hold no number.
 _BYTE_ORDER_MARK = "\ufeff".encode()  # What some programs begin UTF-8 with.
-_IN_LABEL = re.compile(rb"(?<=[A-Za-z]) +(?=\w)")  # Blanks between the words of a label.
-_TO_BLANKS = bytes.maketrans(b',;\t|"\r', b"      ")
 
 
 class TextSource(columns.TableSource):
@@ -54,7 +54,7 @@ class TextSource(columns.TableSource):
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self._delimiter, self._width, self._bad = "", 0, 0
-        self._labels: set[int] = set()  # columns of words
+        self._labels: set[int] = set()  # columns of words, or that no role needs
         self._start = self._read_head(path)
         super().__init__(path, options)
 
@@ -77,7 +77,7 @@ class TextSource(columns.TableSource):
                 unread = [word for word in words if _number(word) is None]
                 few = len(words) - len(unread) < len(columns.ROLES)
                 if few and any(re.match(r"[A-Za-z_µ]", word) for word in unread):
-                    self._order = _named(words, path)
+                    self._order, self._width = _named(words, path), len(words)
                     continue
                 if len(words) == 2 and not comments and not self._order.place:
                     whole = all(word.isdecimal() for word in words)
@@ -94,22 +94,23 @@ class TextSource(columns.TableSource):
         lines = [line for line in samples[0].splitlines() if _ROW.match(line)]
         marks = Counter(_delimiter(line.decode("utf-8", "replace")) for line in lines)
         self._delimiter = marks.most_common(1)[0][0]
-        rows = [self._blank(line).decode("utf-8", "replace").split() for line in lines]
-        self._width = Counter(map(len, rows)).most_common(1)[0][0]
+        rows = [_split(line.decode("utf-8", "replace"), self._delimiter) for line in lines]
+        width = Counter(map(len, rows)).most_common(1)[0][0]
+        self._width = max(self._width, width)  # the last cells may be empty
         whole = [[_number(word) for word in row] for row in rows if len(row) == self._width]
-        named = self._order.place.values()
-        for index, column in enumerate(zip(*whole, strict=True)):
-            if index not in named and column.count(None) > len(column) // 2:
-                self._labels.add(index)
         for comment in comments if not self._order.place else ():
             self._order = _named_in_comment(comment, self._width) or self._order
         place = self._order.place
-        tables = [] if place else [self._table(self._blank(sample)) for sample in samples]
+        words = [column.count(None) > len(column) // 2 for column in zip(*whole, strict=True)]
+        # Of a table with names, what no role needs may hold anything.
+        unneeded = {*range(self._width)}.difference(place.values())
+        self._labels = {index for index in unneeded if place or words[index]}
+        tables = [] if place else [self._table(sample) for sample in samples]
         kept = [index for index in range(self._width) if index not in self._labels]
         told = len(kept) >= len(columns.ROLES) and any(map(len, tables))
-        if not (max(place.values()) < self._width if place else told):
+        if not (max(place.values()) < width if place else told):
             raise FormatError(
-                f"{str(path)!r} is no table of events: its rows have {self._width} columns, "
+                f"{str(path)!r} is no table of events: its rows have {width} columns, "
                 "but time, x, y and polarity are needed"
             )
         if not place:
@@ -122,30 +123,26 @@ class TextSource(columns.TableSource):
             complete, newline, tail = (tail + (data or b"\n")).rpartition(b"\n")
             if not newline and len(tail) >= CHUNK_BYTES:  # no line is so long
                 self._bad, tail = self._bad + 1, b""
-            blank = self._blank(complete)
-            if _ROW.search(blank) and self._order.place:
-                yield self._table(blank)
+            if _ROW.search(complete) and self._order.place:
+                yield self._table(complete)
             self.losses.add("bad_record", self._bad)
             self._bad = 0
-
-    def _blank(self, text: bytes) -> bytes:
-        """Return text whose numbers are parted by blanks, with points as decimal marks."""
-        if self._delimiter in "; \t":
-            text = text.replace(b",", b".")
-        if self._delimiter != " ":
-            text = _IN_LABEL.sub(b"_", text)
-        return text.translate(_TO_BLANKS)
 
     def _table(self, text: bytes) -> FloatArray:
         """Return the lines that parse, ``(n, columns)``: at once if all do, else one by one."""
         try:
+            mark, apart = self._delimiter.encode(), self._delimiter.strip(" ") or None
+            points = text.replace(b",", b".") if self._delimiter in "; \t" else text
+            open_ended = (points + b"\n").replace(b"\r\n", b"\n").replace(mark + b"\n", b"\n")
             with warnings.catch_warnings(action="ignore"):  # a block without numbers is empty
-                table = np.loadtxt(io.BytesIO(text), comments="#", ndmin=2, encoding="latin-1")
+                form: Any = {"delimiter": apart, "encoding": "latin-1", "quotechar": '"'}
+                table = np.loadtxt(io.BytesIO(open_ended), ndmin=2, **form)
             if table.shape[1] != self._width:
                 raise ValueError("another number of columns")
         except ValueError:
-            lines = [line.split() for line in text.decode("utf-8", "replace").splitlines()]
-            lines = [words for words in lines if words and words[0][0] not in "#%"]
+            plain = text.decode("utf-8", "replace").splitlines()
+            lines = [_split(line, self._delimiter) for line in plain if not _COMMENT.match(line)]
+            lines = [words + [""] * (self._width - len(words)) for words in lines]
             rows = [
                 [0.0 if k in self._labels else _number(word) for k, word in enumerate(words)]
                 for words in lines
@@ -172,8 +169,8 @@ def labelled_table(path: Path) -> tuple[list[str], FloatArray]:
         raise ValueError("it holds no rows of numbers")
     names, mark, rows = _split(lines[0][1]), _delimiter(lines[0][1]), list[list[float]]()
     for number, line in lines[1:]:
-        words = line.split(None if mark == " " else mark)
-        row = [value for word in words if (value := _number(word.strip(' "'))) is not None]
+        words = _split(line, mark)
+        row = [value for word in words if (value := _number(word)) is not None]
         if not len(row) == len(words) == len(names) or not all(map(isfinite, row)):
             raise ValueError(f"line {number} is {line[:40]!r} instead of {len(names)} numbers")
         rows.append(row)
@@ -208,12 +205,11 @@ def _delimiter(text: str) -> str:
     return next(marks, " ")
 
 
-def _split(line: str) -> list[str]:
+def _split(line: str, delimiter: str = "") -> list[str]:
     """Return the words of a line; blanks part them only where nothing else does."""
-    delimiter = _delimiter(line)
-    if delimiter == " ":
-        return re.sub(r"\s+(?=[\[({<])", "", line).split()
-    words = [word.strip().strip('"') for word in line.split(delimiter)]
+    delimiter = delimiter or _delimiter(line)
+    blanks = re.sub(r"\s+(?=[\[({<])", "", line).split() if delimiter == " " else None
+    words = [word.strip().strip('"') for word in blanks or line.split(delimiter)]
     return words[:-1] if words and not words[-1] else words
 
 
