@@ -181,7 +181,7 @@ def _part(path: Path, encoding: str | None, notes: list[str]) -> _Part:
     name, share = wire.best_candidate(sample, header.size, names)
     if claimed == "evt21" and not header.byte_order:
         notes.append(f"the header names no byte order; {name.partition('/')[2]} fits")
-    if share > wire.FOREIGN_SHARE and claimed is None:
+    if share > wire.SOUND_SHARE and claimed is None:
         raise FormatError(
             f"{str(path)!r} names no encoding that is read, and its words fit none of "
             f"{', '.join(wire.NAMES.values())}; name one if you know it (--encoding, in Python "

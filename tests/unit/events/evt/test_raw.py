@@ -1,5 +1,6 @@
 """RAW: headers, dispatch, time rules, each kind of damage word by word, streams as they come."""
 
+import pickle
 import sys
 from itertools import permutations
 from pathlib import Path
@@ -183,9 +184,11 @@ def test_no_header_is_guessed_and_said(tmp_path: Path) -> None:
     source = opened(tmp_path / "a.raw", b"", words, "<u2")
     assert (source.format, source.size, len(times(source))) == ("EVT3", (320, 320), 300)
     assert len(source.notes) == 2
-    (tmp_path / "b.raw").write_bytes(np.random.default_rng(0).bytes(5_000))
-    with pytest.raises(FormatError, match="fit none of"):
-        open_events(tmp_path / "b.raw")
+    table = np.column_stack([np.arange(0, 1_000_000, 700)] * 4) >> [0, 9, 13, 19]
+    for dump in (np.random.default_rng(0).bytes(5_000), table.tobytes(), pickle.dumps(table)):
+        (tmp_path / "b.raw").write_bytes(dump)
+        with pytest.raises(FormatError, match="fit none of"):
+            open_events(tmp_path / "b.raw")
 
 
 @pytest.mark.parametrize("order", ["little", "legacy", "big"])
