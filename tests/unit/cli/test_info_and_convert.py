@@ -54,6 +54,8 @@ def test_what_a_recording_does_not_hold_is_refused(recorded: Path, verbs: Verbs)
     target, too_far = recorded.with_name("b.npz"), 1 << 62
     said = verbs.said("convert", recorded, target, "--shift-us", too_far, code=2)
     assert "shift_us is 4611686018427387904, valid are" in said
+    for part in (("--crop", 30, 22, 32, 24), ("--from-us", 30_000), ("--to-us", -5)):
+        assert "nothing is kept of" in verbs.said("convert", recorded, target, *part, code=1)
 
 
 def converted(recorded: Path, *options: str) -> EventPacket:

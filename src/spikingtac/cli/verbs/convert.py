@@ -133,23 +133,18 @@ def _changed(
     Raises:
         RecordingError: The part to keep lies outside of the recording.
     """
-    from_us, to_us = change.from_us, change.to_us
-    first_us = last_us = None
-    empty = True
+    begin_us, end_us, empty = None, 0, True
     for packet in source:
-        first_us = packet.t_start_us if first_us is None else first_us
-        last_us = packet.t_end_us
-        if to_us is not None and packet.t_start_us >= to_us:
+        begin_us, end_us = packet.t_start_us if begin_us is None else begin_us, packet.t_end_us
+        if change.to_us is not None and packet.t_start_us >= change.to_us:
             break
         for changed in change.packets([hot.kept(packet)]):
-            empty = False
+            empty = empty and not len(changed)
             yield changed
-    if empty and (from_us is not None or to_us is not None):
-        early = first_us is not None and to_us is not None and to_us <= first_us
-        span = f"begins at {first_us} us" if early else f"ends at {last_us or 0} us"
-        begin, end = "its begin" if from_us is None else from_us, "end" if to_us is None else to_us
+    if empty and begin_us is not None:
         raise st.RecordingError(
-            f"nothing is kept of {str(source.path)!r}: it {span}, asked was {begin} to {end}"
+            f"nothing is kept of {str(source.path)!r}: no event from {begin_us} to {end_us} us is "
+            "in the part that --from-us, --to-us and --crop ask for"
         )
 
 
