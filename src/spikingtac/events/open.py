@@ -23,7 +23,7 @@ from spikingtac.events.recording import (
     name_of,
     time_base_of,
 )
-from spikingtac.file_kinds import RECORDING_NAME, kind_of, members_of, told_kind
+from spikingtac.file_kinds import RECORDING_NAME, members_of, told_kind
 
 SAMPLE_BYTES = 1 << 16  # First bytes by which a file of an unknown ending is told.
 MOST_NAMED = 3  # Recordings of a folder that an error names.
@@ -148,12 +148,11 @@ def _open_file(path: Path, options: ReadOptions) -> FileSource:
         raise RecordingError(f"{str(path)!r} is empty (0 bytes): nothing was recorded into it")
     kind = _kind_by_signature(path, start)
     if kind is None:
-        ending = path.suffix.lower()
+        ending = path.suffix.lower().removeprefix(".")
         foreign = plugins.WithPlugins({}, plugins.READERS)
-        if ending.removeprefix(".") in foreign:
-            return foreign[ending.removeprefix(".")](path, options)
-        known = None if kind_of(path) in ("table", "list") else _BY_ENDING.get(ending)
-        kind = known or _kind_by_values(path, start)
+        if ending in foreign:
+            return foreign[ending](path, options)
+        kind = _kind_by_values(path, start)
     reader = resolve_name(f"spikingtac.events.{_KINDS[kind][0]}")
     if kind not in _SEVERAL:
         chosen_sensor([path.name], options.sensor, path)
@@ -176,15 +175,15 @@ def _kind_by_signature(path: Path, start: bytes) -> str | None:
         fields = read_header(io.BytesIO(start)).fields
         if fields.keys() & _RAW_FIELDS:
             return "raw"
-        return "dat" if "Version" in fields or path.suffix.lower() == ".dat" else None
+        return "dat" if "Version" in fields else None
     return None
 
 
 def _kind_by_values(path: Path, start: bytes) -> str:
-    """Return the kind of a file of an unknown ending, by what its first bytes look like.
+    """Return the kind of a file without a signature: text, else what its ending or bytes tell.
 
     Raises:
-        FormatError: They look like nothing that is known; says what is valid.
+        FormatError: They tell nothing that is known; says what is valid.
     """
     from spikingtac.events.evt.wire import SOUND_SHARE, best_candidate
     from spikingtac.events.formats.text import looks_like_text
@@ -194,6 +193,8 @@ def _kind_by_values(path: Path, start: bytes) -> str:
         raise FormatError(f"{path.name!r} holds no events: {told}")
     if looks_like_text(start):
         return "text"
+    if ending in _BY_ENDING:
+        return _BY_ENDING[ending]
     if ending not in FOREIGN and best_candidate(start, None)[1] <= SOUND_SHARE:
         return "raw"
     meant = nearest(ending, READABLE) if ending not in FOREIGN else ""
@@ -213,7 +214,7 @@ _KINDS: dict[str, tuple[str, tuple[str, ...], tuple[bytes, ...]]] = {
     "dat": ("records:DatSource", (".dat",), ()),
     "aedat4": ("formats.aedat4:Aedat4Source", (".aedat4",), (b"#!AER-DAT4.0",)),
     "aedat": ("records:open_aedat", (".aedat",), (b"#!AER-DAT",)),
-    "hdf5": ("formats.hdf5:Hdf5Source", (".h5", ".hdf5"), (b"\x89HDF\r\n\x1a\n",)),
+    "hdf5": ("formats.hdf5:Hdf5Source", (".h5", ".hdf5"), (b"\x89HDF\r\n\x1a\n", b"MATLAB 7.3")),
     "ros": (
         "ros:RosSource", (".db3", ".mcap", ".bag"),
         (b"SQLite format 3\x00", b"\x89MCAP", b"#ROSBAG"),

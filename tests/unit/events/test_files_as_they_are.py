@@ -76,6 +76,7 @@ TEXTS: dict[str, str] = {
     "a label without a header": table("txlyp", ";", l="b", p=np.where(P, "on", "off")),
     "an empty column": table("tnxypv", head="t,note,x,y,p,valid\n", n="", v=1),
     "cells that may be empty": table("txnypm", "\t", n=np.where(P, "", "a b"), m="", p=WORDS),
+    "commas at the ends": table(mark=", ").replace("\n", ", \n"),
     "UTF-16": table(head="t,x,y,p\n"),
     "Latin-1": table(head="time (µs),x,y,p\n"),
     "nanoseconds since 1970": table(t=T * 1_000 + 1_700_000_000 * 10**9),
@@ -154,9 +155,13 @@ ARRAYS: dict[str, Any] = {
 @pytest.mark.parametrize("form", ARRAYS)
 def test_arrays(tmp_path: Path, form: str) -> None:
     np.save(tmp_path / "a.npy", ARRAYS[form])
-    np.savez_compressed(tmp_path / "a.npz", events=ARRAYS[form])
+    np.savez_compressed(tmp_path / "a.npz", events=ARRAYS[form], pose=np.eye(4))
     for name in ("a.npy", "a.npz"):
         assert assert_read(tmp_path / name).size == SIZE
+    if form == "t,x,y,p":
+        (tmp_path / "a.npy").write_bytes((tmp_path / "a.npy").read_bytes()[:-100])
+        found, source = read(tmp_path / "a.npy")
+        assert (len(found), source.losses) == (N - 4, {"truncated": 1})
 
 
 def group(file: Any, place: str, t: Any = T, axes: Any = -1, **names: str) -> None:
@@ -342,7 +347,10 @@ def test_packed_recordings(tmp_path: Path, name: str) -> None:
         for other in ("__MACOSX/junk", "day/.DS_Store", "README.txt", "day/setup.png"):
             archive.writestr(other, b"")
         archive.writestr(f"day/{name}", content)
-    for path in (tmp_path / f"{name}.gz", tmp_path / "a.zip"):
+    with zipfile.ZipFile(tmp_path / "b.zip", "w") as archive:
+        archive.writestr("imu.txt", b"0.1 1 2 3 4 5 6\n")
+        archive.writestr(f"day/events_{name}", content)
+    for path in (tmp_path / f"{name}.gz", tmp_path / "a.zip", tmp_path / "b.zip"):
         source = assert_read(path)
         assert any("unpacked" in note for note in source.notes)
         folder = source.path.parent
@@ -371,8 +379,14 @@ def test_the_content_decides_before_the_ending(tmp_path: Path, encoding: str) ->
     for name in ("a.bin", "a.csv", "a", "a.dat"):
         (tmp_path / name).write_bytes(data)
         assert assert_read(tmp_path / name).format.startswith("EVT")
-    (tmp_path / "b.log").write_text(TEXTS["any order by a header"])
-    assert_read(tmp_path / "b.log")
+    for name in ("b.log", "b.dat", "b.npz"):
+        (tmp_path / name).write_text("% t x y p\n" + table(mark=" "))
+        assert_read(tmp_path / name)
+    with h5py.File(tmp_path / "b.mat", "w", userblock_size=512) as file:
+        group(file, "events", axes=(1, -1))
+    with (tmp_path / "b.mat").open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64")
+    assert_read(tmp_path / "b.mat")
 
 
 @pytest.mark.parametrize("encoding", ["evt2", "evt21", "evt3"])

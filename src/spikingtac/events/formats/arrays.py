@@ -32,25 +32,31 @@ GENX320_SIZE = (320, 320)
 class ArrayReader:
     """Reads the rows of one array in order.
 
+    Args:
+        file: Where its ``.npy`` begins.
+        size: Length of the file, bytes.
+
     Attributes:
-        length: Number of rows.
+        claimed: Number of rows that it should have.
+        length: Number of rows that the file holds.
         width: Columns of a table; 0 for a single row of numbers or structures.
         type: Type of a number or structure.
         plain: Whether it is a row or table of numbers or structures.
     """
 
-    def __init__(self, file: IO[bytes]) -> None:
+    def __init__(self, file: IO[bytes], size: int) -> None:
         self._file, self._whole, self._at = file, None, 0
         shape, by_column, self.type = read_array_header(file)
-        self.length, self.width, across = columns.laid_out(shape)
+        self.claimed, self.width, across = columns.laid_out(shape)
         fields = self.type.fields or {"": (self.type,)}
         flat = 0 < len(shape) <= 2 and not (self.type.names and self.width)
         self.plain = flat and all(f[0].kind in "uifb" for f in fields.values())
-        self._row_bytes = self.type.itemsize * max(self.width, 1)
+        self._row_bytes = max(self.type.itemsize, 1) * max(self.width, 1)
+        self.length = min(self.claimed, (size - file.tell()) // self._row_bytes)
         if self.plain and self.width and by_column != across:
-            size = math.prod(shape) * self.type.itemsize
-            refuse_piece("a table by columns", size)
-            self._whole = np.frombuffer(self._exactly(size), self.type).reshape(self.width, -1).T
+            whole = math.prod(shape) * self.type.itemsize
+            refuse_piece("a table by columns", whole)
+            self._whole = np.frombuffer(self._exactly(whole), self.type).reshape(self.width, -1).T
 
     def read(self, count: int) -> NDArray[Any]:
         """Return the next ``count`` rows; raises EOFError where the array ends before."""
@@ -82,13 +88,16 @@ class ArraySource(columns.TableSource):
         self.path, self.format = path, "NPY" if self._single else "NPZ"
         with ExitStack() as files:
             arrays = self._opened(files)
-            self._members = self._event_members(arrays)
-            first = arrays(self._members[0])
-            self._openmv = first.width == OPENMV_COLUMNS and first.type.kind == "u"
-            if self._openmv:
-                self.format, self._named_size = "OpenMV NPZ", GENX320_SIZE
-            self._order = self._order_of(first, arrays)
-            self._named_size = self._size_in(arrays) or self._named_size
+            try:
+                self._members = self._event_members(arrays)
+                first = arrays(self._members[0])
+                self._openmv = first.width == OPENMV_COLUMNS and first.type.kind == "u"
+                if self._openmv:
+                    self.format, self._named_size = "OpenMV NPZ", GENX320_SIZE
+                self._order = self._order_of(first, arrays)
+                self._named_size = self._size_in(arrays) or self._named_size
+            except ARCHIVE_DAMAGE as error:
+                raise FormatError(f"{str(path)!r} is damaged: {error}") from error
         super().__init__(path, options)
 
     def _opened(self, files: ExitStack) -> Callable[[str], ArrayReader]:
@@ -109,7 +118,8 @@ class ArraySource(columns.TableSource):
         def opened(name: str) -> ArrayReader:
             try:
                 file = open_member(archive, f"{name}.npy") if archive else self.path.open("rb")
-                return ArrayReader(files.enter_context(file))
+                of_file = archive.getinfo(f"{name}.npy").file_size if archive else None
+                return ArrayReader(files.enter_context(file), of_file or self.path.stat().st_size)
             except ARCHIVE_DAMAGE as error:
                 where = f"{str(self.path)!r}" + (f": column {name!r}" if name else "")
                 raise FormatError(f"{where} is damaged: {error}") from error
@@ -129,6 +139,7 @@ class ArraySource(columns.TableSource):
                 widths = (*TABLE_WIDTHS, OPENMV_COLUMNS) if name == "events" else TABLE_WIDTHS
                 if array.plain and (array.width in widths or array.type.names):
                     rows.append(name)
+        rows = [name for name in rows if "event" in name.lower()] or rows
         if len(rows) == 1:
             return rows
         told = told or (
@@ -155,22 +166,15 @@ class ArraySource(columns.TableSource):
                 f"{where} holds structures of {', '.join(names)}; fields of time, x, y and "
                 "polarity are needed"
             )
-        try:
-            sample = first.read(min(first.length, CHUNK_ROWS))
-        except ARCHIVE_DAMAGE as error:
-            raise FormatError(f"{where} is damaged: {error}") from error
-        return columns.order_of_values([sample], where)
+        return columns.order_of_values([first.read(min(first.length, CHUNK_ROWS))], where)
 
     def _size_in(self, arrays: Callable[[str], ArrayReader]) -> tuple[int, int] | None:
         for name in [name for name in _SIZES if name in self._names]:
             array = arrays(name)
-            try:
-                if array.length != 2 or array.width or array.type.kind not in "uif":
-                    raise ValueError(f"{array.length} numbers instead of two")
-                width, height = (int(value) for value in array.read(2))
-                return width, height
-            except ARCHIVE_DAMAGE as error:
-                raise FormatError(f"{str(self.path)!r}: unfit size: {error}") from error
+            if array.length != 2 or array.width or array.type.kind not in "uif":
+                raise ValueError(f"{name} holds {array.length} numbers instead of two")
+            width, height = (int(value) for value in array.read(2))
+            return width, height
         return None
 
     def _tables(self) -> Iterator[Table]:
@@ -183,9 +187,8 @@ class ArraySource(columns.TableSource):
                 except (*ARCHIVE_DAMAGE, FormatError):
                     self.losses.add("truncated")
             members = [arrays(name) for name in self._members]
-            lengths, seconds = [member.length for member in members], Counter(OPENMV_SECONDS)
-            self.losses.add("truncated", int(min(lengths) < max(lengths)))
-            total = min(lengths)
+            total, seconds = min(member.length for member in members), Counter(OPENMV_SECONDS)
+            self.losses.add("truncated", int(total < max(member.claimed for member in members)))
             for first in range(0, total, CHUNK_ROWS):
                 try:
                     read = [member.read(min(CHUNK_ROWS, total - first)) for member in members]

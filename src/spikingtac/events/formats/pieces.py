@@ -242,6 +242,7 @@ def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
                 return _copied(content, inner, packed, path)
         with zipfile.ZipFile(path) as archive:
             files = [info for info in archive.infolist() if _may_be_recording(info)]
+            files = [info for info in files if "event" in Path(info.filename).name.lower()] or files
             if len(files) != 1 or files[0].compress_type not in PACKINGS:
                 names = ", ".join(archive.namelist()[:5]) or "nothing"
                 raise FormatError(

@@ -33,7 +33,7 @@ _WORDS = {"true": "1", "on": "1", "+": "1", "false": "0", "off": "0", "-": "0"}
 _SIZE = re.compile(r"(?:size|geometry|resolution)\W{1,3}(\d+)\s*[x,;\s]\s*(\d+)", re.IGNORECASE)
 _WIDTH_HEIGHT = re.compile(r"(?:width\W{1,3}|x@)(\d+).*?(?:height\W{1,3}|y@)(\d+)", re.IGNORECASE)
 _ROW = re.compile(rb"^\s*[^#%\s]", re.MULTILINE)  # NumPy warns of a text without one.
-_COMMENT = re.compile(r"\W*$|\s*[#%]")  # Lines without a row; the first ones hold no number.
+_NO_ROW = ("", "#", "%")  # How other lines than rows begin.
 _BYTE_ORDER_MARK = "\ufeff".encode()  # What some programs begin UTF-8 with.
 
 
@@ -130,22 +130,23 @@ class TextSource(columns.TableSource):
 
     def _table(self, text: bytes) -> FloatArray:
         """Return the lines that parse, ``(n, columns)``: at once if all do, else one by one."""
+        mark, apart = self._delimiter.encode(), self._delimiter.strip(" ") or None
+        text = text.replace(b",", b".") if self._delimiter in "; \t" else text
+        text = (text + b"\n").replace(b"\r\n", b"\n").replace(mark + b"\n", b"\n")
         try:
-            mark, apart = self._delimiter.encode(), self._delimiter.strip(" ") or None
-            points = text.replace(b",", b".") if self._delimiter in "; \t" else text
-            open_ended = (points + b"\n").replace(b"\r\n", b"\n").replace(mark + b"\n", b"\n")
             with warnings.catch_warnings(action="ignore"):  # a block without numbers is empty
                 form: Any = {"delimiter": apart, "encoding": "latin-1", "quotechar": '"'}
-                table = np.loadtxt(io.BytesIO(open_ended), ndmin=2, **form)
+                table = np.loadtxt(io.BytesIO(text), ndmin=2, **form)
             if table.shape[1] != self._width:
                 raise ValueError("another number of columns")
         except ValueError:
-            plain = text.decode("utf-8", "replace").splitlines()
-            lines = [_split(line, self._delimiter) for line in plain if not _COMMENT.match(line)]
-            lines = [words + [""] * (self._width - len(words)) for words in lines]
+            nothing, missing = f" {self._delimiter}", [""] * self._width
+            plain = text.decode("utf-8", "replace").replace('"', "").splitlines()
+            plain = [line.rstrip(nothing) for line in plain]
+            lines = [line.split(apart) for line in plain if line.lstrip()[:1] not in _NO_ROW]
             rows = [
                 [0.0 if k in self._labels else _number(word) for k, word in enumerate(words)]
-                for words in lines
+                for words in (words + missing[len(words) :] for words in lines)
             ]
             rows = [row for row in rows if len(row) == self._width and None not in row]
             self._bad += len(lines) - len(rows)
@@ -162,9 +163,7 @@ def labelled_table(path: Path) -> tuple[list[str], FloatArray]:
         ValueError: A row is no finite number for each name; says which line.
     """
     text = enumerate(path.read_text(encoding="utf-8-sig").splitlines(), 1)
-    lines = [
-        (number, line) for number, line in text if line.strip() and line.strip()[0] not in "#%"
-    ]
+    lines = [(number, line) for number, line in text if line.lstrip()[:1] not in _NO_ROW]
     if len(lines) < 2:
         raise ValueError("it holds no rows of numbers")
     names, mark, rows = _split(lines[0][1]), _delimiter(lines[0][1]), list[list[float]]()
@@ -182,7 +181,7 @@ def looks_like_text(sample: bytes) -> bool:
     if b"\0" in sample:
         return False
     lines = sample.decode("utf-8", "replace").splitlines()[:-1] or [sample.decode("latin-1")]
-    rows = [_split(line) for line in lines if line.strip() and line[0] not in "#%"]
+    rows = [_split(line) for line in lines if line.lstrip()[:1] not in _NO_ROW]
     numbers = [row for row in rows if len(row) >= 4 and None not in map(_number, row)]
     return len(numbers) > 0 and len(numbers) >= len(rows) // 2
 
@@ -215,7 +214,7 @@ def _split(line: str, delimiter: str = "") -> list[str]:
 
 def _number(word: str) -> float | None:
     try:
-        return float(_WORDS.get(word.lower(), word).replace(",", "."))
+        return float(_WORDS.get(word.strip().lower(), word).replace(",", "."))
     except ValueError:
         return None
 
