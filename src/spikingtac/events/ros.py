@@ -80,14 +80,12 @@ class RosSource(FileSource):
     def __init__(self, path: Path, options: ReadOptions, others: tuple[Path, ...] = ()) -> None:
         self._paths, self.losses = (path, *others), LossCounters()
         topics = self._topics()
-        if not topics and self.losses["truncated"]:
+        if not topics:
             raise FormatError(
                 f"{str(path)!r} is cut before its first readable message of events; copy it "
                 "again from where it was recorded"
-            )
-        if not topics:
-            raise FormatError(
-                f"{str(path)!r} holds no readable messages of events (valid: {PACKETS[1]}, "
+                if self.losses["truncated"]
+                else f"{str(path)!r} holds no readable messages of events (valid: {PACKETS[1]}, "
                 f"{', '.join(ARRAYS[::2])}); record the camera's packet topic, not a rendered image"
             )
         self._topic = list(topics)[chosen_sensor(list(topics), options.sensor, path)]

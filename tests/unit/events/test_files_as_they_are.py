@@ -48,6 +48,7 @@ SIGNS = np.where(P, 1, -1)
 WORDS = np.where(P, "ON", "OFF")
 SECONDS = np.array([f"{t / 1e6:.6f}" for t in T])
 COMMAS = [seconds.replace(".", ",") for seconds in SECONDS]
+PARTS = {"x": X, "nsecs": T % 10**6 * 1_000, "y": Y, "p": P, "secs": T // 10**6}
 TEXTS: dict[str, str] = {
     "x,y,p,t without a header": table("xypt"),
     "x,y,t,p without a header, signs": table("xytp", " ", p=SIGNS),
@@ -77,6 +78,7 @@ TEXTS: dict[str, str] = {
     "an empty column": table("tnxypv", head="t,note,x,y,p,valid\n", n="", v=1),
     "cells that may be empty": table("txnypm", "\t", n=np.where(P, "", "a b"), m="", p=WORDS),
     "commas at the ends": table(mark=", ").replace("\n", ", \n"),
+    "two times": table("xysnp", head="x,y,t.sec,t.nanosec,p\n", s=T // 10**6, n=PARTS["nsecs"]),
     "UTF-16": table(head="t,x,y,p\n"),
     "Latin-1": table(head="time (µs),x,y,p\n"),
     "nanoseconds since 1970": table(t=T * 1_000 + 1_700_000_000 * 10**9),
@@ -94,9 +96,9 @@ def test_text(tmp_path: Path, form: str) -> None:
     assert any("microseconds" in note for note in source.notes) == ("fractions" in form)
 
 
-@pytest.mark.parametrize("mark", [",", "\t"])
-def test_rows_out_of_order_are_sorted_and_counted(tmp_path: Path, mark: str) -> None:
-    lines = table(mark=mark, t=T - 500_000).splitlines()
+@pytest.mark.parametrize(("mark", "t"), [(",", T - 500_000), ("\t", (T - 500_000) / 1e6)])
+def test_rows_out_of_order_are_sorted_and_counted(tmp_path: Path, mark: str, t: Any) -> None:
+    lines = table(mark=mark, t=t).splitlines()
     mixed = [lines[k] for k in np.random.default_rng(1).permutation(N)]
     head = mark.join("txyp")
     (tmp_path / "a.txt").write_text("\n".join([head, *mixed]))
@@ -112,6 +114,9 @@ def test_rows_out_of_order_are_sorted_and_counted(tmp_path: Path, mark: str) -> 
     [
         ("t,x,y\n1,2,3\n", "lacks p"),
         ("t,x,y,p,time\n1,2,3,1,5\n", "twice"),
+        ("t_s,t_us,x,y,p\n0.5,500000,2,3,1\n1.5,1500000,2,3,0\n", "twice"),
+        ("time [0.1 ms],x,y,p\n1,2,3,1\n", "lacks t; wanted are columns of time"),
+        ("time (min),x,y,p\n1,2,3,1\n", "lacks t"),
         ("1,2,3\n4,5,6\n", "columns, but time, x, y and polarity are needed"),
         ("t,x,y,p\n1,2,3\n4,5,6\n", "columns, but time, x, y and polarity are needed"),
         ("t,x,y,p\n", "holds no events: nothing was recorded"),
@@ -207,6 +212,7 @@ HDF5: dict[str, Callable[[Any], None]] = {
     "DSEC": dsec,
     "OpenEB": openeb,
     "e2vid": e2vid,
+    "seconds and nanoseconds": lambda file: file.update(PARTS),
     "columns at the root": lambda file: group(file, ""),
     "MATLAB's rows": lambda file: group(file, "events", axes=(1, -1)),
     "MATLAB's columns": lambda file: group(file, "events", axes=(-1, 1)),
@@ -226,8 +232,9 @@ def test_hdf5(tmp_path: Path, form: str) -> None:
 
 @pytest.mark.parametrize("axes", [(1, -1), (-1, 1)])
 def test_columns_of_two_axes_in_npz(tmp_path: Path, axes: tuple[int, int]) -> None:
-    np.savez(tmp_path / "a.npz", **{name: c.reshape(axes) for name, c in COLUMNS.items()})
-    assert_read(tmp_path / "a.npz")
+    for columns in (COLUMNS, PARTS):
+        np.savez(tmp_path / "a.npz", **{name: c.reshape(axes) for name, c in columns.items()})
+        assert_read(tmp_path / "a.npz")
 
 
 def test_an_empty_table_says_that_nothing_was_recorded(tmp_path: Path) -> None:

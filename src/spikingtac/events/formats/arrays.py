@@ -1,5 +1,6 @@
 """NumPy files of events: columns, structured rows or tables in ``.npz`` and ``.npy``."""
 
+import io
 import math
 import zipfile
 from collections.abc import Callable, Iterator
@@ -45,7 +46,7 @@ class ArrayReader:
     """
 
     def __init__(self, file: IO[bytes], size: int) -> None:
-        self._file, self._whole, self._at = file, None, 0
+        self._file = file
         shape, by_column, self.type = read_array_header(file)
         self.claimed, self.width, across = columns.laid_out(shape)
         fields = self.type.fields or {"": (self.type,)}
@@ -56,14 +57,11 @@ class ArrayReader:
         if self.plain and self.width and by_column != across:
             whole = math.prod(shape) * self.type.itemsize
             refuse_piece("a table by columns", whole)
-            self._whole = np.frombuffer(self._exactly(whole), self.type).reshape(self.width, -1).T
+            columns_first = np.frombuffer(self._exactly(whole), self.type).reshape(self.width, -1)
+            self._file = io.BytesIO(columns_first.T.tobytes())
 
     def read(self, count: int) -> NDArray[Any]:
         """Return the next ``count`` rows; raises EOFError where the array ends before."""
-        if self._whole is not None:
-            rows = self._whole[self._at : self._at + count]
-            self._at += count
-            return rows
         values = np.frombuffer(self._exactly(count * self._row_bytes), self.type)
         values = values.reshape(count, self.width) if self.width else values
         return values.astype(np.float64) if self.type.kind == "f" else values
@@ -130,7 +128,7 @@ class ArraySource(columns.TableSource):
         """Return the arrays that hold the events: four columns, or one array of rows."""
         order = columns.order_named(self._names)
         if order is not None:
-            return [self._names[order.place[role]] for role in ROLES]
+            return [self._names[index] for index in order.place.values()]
         told, rows = told_kind(self.path), []
         others = [name for name in self._names if name not in (*TRIGGERS, *_SIZES)]
         for name in others if told is None else ():

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from spikingtac.errors import FormatError
 from spikingtac.events.formats.codec import RESET_US
 from spikingtac.events.formats.file_source import FileSource, Rows
-from spikingtac.events.formats.packing import finite_rows
+from spikingtac.events.formats.packing import chosen_rows, finite_rows
 
 ROLES: tuple[str, ...] = ("x", "y", "p", "t")
-
 # Coordinates at or beyond it are not believed where no name tells them (the largest event sensor
 # on the market has 1280 columns).
 COORDINATE_LIMIT_PX = 1 << 13
@@ -28,8 +27,8 @@ US_PER_UNIT = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
 _UNIT_NAMES = {
     "s": ("s", "sec", "secs", "second", "seconds"),
     "ms": ("ms", "msec", "millisecond", "milliseconds", "millis"),
-    "us": ("us", "usec", "µs", "μs", "microsecond", "microseconds", "micros"),
-    "ns": ("ns", "nsec", "nanosecond", "nanoseconds", "nanos"),
+    "us": ("us", "usec", "usecs", "µs", "μs", "microsecond", "microseconds", "micros"),
+    "ns": ("ns", "nsec", "nsecs", "nanosec", "nanosecs", "nanosecond", "nanoseconds", "nanos"),
 }
 _UNITS = {name: unit for unit, names in _UNIT_NAMES.items() for name in names}
 _NAMES = {
@@ -43,21 +42,19 @@ _NAME = re.compile(
     r"(?P<name>[a-zµμ][\w.µμ]*?)(?:_(?:px|pixels?|coord|addr|address)|@\d+)?"
     r"(?:[\s_/]*[\[({<]\s*(?P<unit>[^\])}>]*)[\])}>])?"
 )
+_TYPE = re.compile(r"\b(?:u?int|float|double)\d*\s*")  # Of a column's numbers.
 _PREFIX = re.compile(r"^(events?|ev|dvs|cd|addr|address)[._/]")
 
 # Whole numbers beyond are nanoseconds since 1970: as microseconds, they lie 3,000 years ahead.
 NANOSECOND_TIMES = 1e17
-
 # Mean step between events below which times with fractions are seconds: twenty events a second.
 # As microseconds it would be 20 million events a second, more than any such file holds.
 SECONDS_STEP = 0.05
-
 RARE_SHARE = 0.01  # Values of a polarity that make up less of a sample are taken for damage.
 
 # All rows are sorted where more than this share of the first ones, and more than a few, come
 # before their predecessor: a restart is one such row, shuffled rows are half.
 UNSORTED_SHARE, FEW_FALLS = 0.02, 3
-
 SORTED_ROWS_LIMIT = 1 << 25  # Most rows that are sorted, in memory: 33 million take 1.2 GB.
 
 # Four columns, an array ``(n, k)``, or one of structures.
@@ -76,7 +73,8 @@ class Order(NamedTuple):
     """Where the four columns are.
 
     Attributes:
-        place: Role -> index of its column.
+        place: Role -> index of its column; where seconds have their rest in another column, its
+            unit, us or ns, -> index of that.
         unit: Unit of the times that a name told: s, ms, us or ns; None where none did.
     """
 
@@ -87,31 +85,35 @@ class Order(NamedTuple):
 def role_of(name: str) -> tuple[str | None, str | None]:
     """Return the role that a column's name tells, and the unit of a time.
 
+    Brackets behind a time must hold a unit: it may be another one, or a multiple.
+
     Example:
-        >>> role_of("t [us]"), role_of("timestamp_ns"), role_of("Polarity"), role_of("gain")
+        >>> role_of("t [us]"), role_of("timestamp_ns"), role_of("Polarity"), role_of("t [10 us]")
         (('t', 'us'), ('t', 'ns'), ('p', None), (None, None))
     """
     found = _NAME.fullmatch(name.strip().strip("\"' ").lower())
     if found is None:
         return None, None
-    word = _PREFIX.sub("", found["name"])
-    unit = next(filter(None, map(_UNITS.get, re.findall(r"[a-zµμ]+", found["unit"] or ""))), None)
-    if word in _ROLE_OF:
-        return _ROLE_OF[word], unit
-    if word in _UNITS:
-        return "t", _UNITS[word]
+    word = _PREFIX.sub("", found["name"]).replace(".", "_")
+    told = _TYPE.sub("", found["unit"] or "")
+    unit = next(filter(None, map(_UNITS.get, re.findall(r"[a-zµμ]+", told))), None)
+    unclear = re.search(r"\d", told) or (told and unit is None)
     stem, _, ending = word.rpartition("_")
-    role = _ROLE_OF.get(stem)
-    return (role, _UNITS[ending]) if role == "t" and ending in _UNITS else (None, None)
+    if ending in _UNITS and stem in ("", *_NAMES["t"]):
+        word, unit = "t", _UNITS[ending]
+    role = _ROLE_OF.get(word)
+    return (None, None) if role == "t" and unclear else (role, unit)
 
 
 def order_named(names: Sequence[str]) -> Order | None:
     """Return the order that names tell; None unless each role is named exactly once."""
-    every = [(*role_of(name), index) for index, name in enumerate(names)]
-    told = [(role, unit, index) for role, unit, index in every if role is not None]
-    place = {role: index for role, _, index in told}
-    unit = next((unit for role, unit, _ in told if role == "t"), None)
-    return Order(place, unit) if len(place) == len(told) == len(ROLES) else None
+    told = [role_of(name) for name in names]
+    finer = {("t", "us"), ("t", "ns")} if ("t", "s") in told else set()
+    parts = [unit if (role, unit) in finer else role for role, unit in told]
+    place = {part: index for index, part in enumerate(parts) if part is not None}
+    once = len(place) == len(parts) - parts.count(None) <= len(ROLES) + 1
+    unit = "s" if finer else dict(told).get("t")
+    return Order(place, unit) if once and {*ROLES} <= place.keys() else None
 
 
 def laid_out(shape: Sequence[int]) -> tuple[int, int, bool]:
@@ -190,9 +192,8 @@ def _holds_wrapped(p: NDArray[Any], where: str) -> bool:
 
 def _guessed_unit(t: NDArray[Any]) -> tuple[str, str]:
     """Return the unit that the times of the first rows look like, and what was assumed."""
-    times = t[np.isfinite(t)].astype(np.float64) if t.dtype.kind == "f" else np.empty(0)
-    if (times != np.rint(times)).any():
-        near = len(times) == 1 or float(np.median(np.abs(np.diff(times)))) < SECONDS_STEP
+    if t.dtype.kind == "f" and (t != np.rint(t)).any():
+        near = len(t) == 1 or float(np.median(np.diff(np.sort(t)))) < SECONDS_STEP
         name = "seconds" if near else "microseconds (a header such as t_ms,x,y,p tells)"
         return "s" if near else "us", f"the times have fractions and are taken for {name}"
     if float(np.abs(t).max()) > NANOSECOND_TIMES:
@@ -250,9 +251,9 @@ class TableSource(FileSource):
             # A fall of 0.1 s or more in an ordered table is a restart.
             if fallen.any() and (shuffled or np.diff(t.astype(np.float64)).min() > -RESET_US):
                 self.losses.add("unsorted", int(np.count_nonzero(fallen)))
-                rows = _chosen(rows, np.argsort(t, kind="stable"))
+                rows = chosen_rows(rows, np.argsort(t, kind="stable"))
             for begin in range(0, len(t), CHUNK_ROWS):
-                yield _chosen(rows, slice(begin, begin + CHUNK_ROWS))
+                yield chosen_rows(rows, slice(begin, begin + CHUNK_ROWS))
 
     def _joined(self, pieces: Iterator[Rows]) -> Rows:
         """Return all rows at once, as many as can be sorted in memory."""
@@ -272,6 +273,11 @@ class TableSource(FileSource):
         unit, wrapped = "", False
         for table in self._tables():
             x, y, p, t = (_column(table, self._order.place[role]) for role in ROLES)
+            for part in US_PER_UNIT.keys() & self._order.place.keys():
+                rest_s = _column(table, self._order.place[part]) * (US_PER_UNIT[part] / 1e6)
+                if (t % 1 > 0).any() or (rest_s >= 1.0).any():
+                    raise FormatError(f"{str(self.path)!r} names the time twice; leave one out")
+                t = t + rest_s
             x, y, p, t = finite_rows((x, y, p, t), self.losses)
             if not len(t):
                 continue
@@ -285,11 +291,6 @@ class TableSource(FileSource):
                 whole = t_us.dtype.kind in "iu"
                 t_us = (t_us.astype(np.int64) if whole else t_us) + self._offset_us
             yield x, y, p if p.dtype == np.bool_ else p == 1 if wrapped else p > 0, t_us
-
-
-def _chosen(rows: Rows, keep: Any) -> Rows:
-    x, y, p, t = (column[keep] for column in rows)
-    return x, y, p, t
 
 
 def _column(table: Table, index: int) -> NDArray[Any]:

@@ -193,8 +193,9 @@ def _streams_of(group: Any, tables: dict[str, Any]) -> Iterator[_Stream]:
     widths = {name: columns.laid_out(item.shape)[1] for name, item in flat.items()}
     rows = [n for n, item in flat.items() if not widths[n] and item.dtype.kind in "uifb"]
     if order := columns.order_named(rows):
-        places = tuple(tables[rows[order.place[role]]].name for role in ROLES)
-        yield _Stream(group.name, places, Order({r: n for n, r in enumerate(ROLES)}, order.unit))
+        places = tuple(tables[rows[index]].name for index in order.place.values())
+        place = {role: number for number, role in enumerate(order.place)}
+        yield _Stream(group.name, places, Order(place, order.unit))
     for name, item in tables.items():
         if item.dtype.names and (fields := columns.order_named(item.dtype.names)):
             yield _Stream(group.name, (item.name,), fields)

@@ -129,6 +129,12 @@ class TimeCourse:
         return -step
 
 
+def chosen_rows(rows: Rows, keep: Any) -> Rows:
+    """Return the rows that a mask, an index array or a slice keeps."""
+    x, y, p, t = (column[keep] for column in rows)
+    return x, y, p, t
+
+
 def finite_rows(rows: Rows, losses: LossCounters) -> Rows:
     """Return the rows without those that hold "not a number" or infinity, which are counted."""
     floats = [column for column in rows if column.dtype.kind == "f"]
@@ -136,8 +142,7 @@ def finite_rows(rows: Rows, losses: LossCounters) -> Rows:
     if sound.all():
         return rows
     losses.add("bad_record", int(np.count_nonzero(~sound)))
-    x, y, p, t = (column[sound] for column in rows)
-    return x, y, p, t
+    return chosen_rows(rows, sound)
 
 
 class ColumnCheck:
@@ -160,7 +165,7 @@ class ColumnCheck:
         inside = (x >= 0) & (x < self._width) & (y >= 0) & (y < self._height)
         if not inside.all():
             self._losses.add("out_of_range", int(len(inside) - np.count_nonzero(inside)))
-            x, y, p, t = x[inside], y[inside], p[inside], t[inside]
+            x, y, p, t = chosen_rows((x, y, p, t), inside)
         on = p if p.dtype == np.bool_ else p > 0
         columns = x.astype(np.uint16), y.astype(np.uint16), on, _whole(t)
         if len(self._held[0]):
@@ -173,10 +178,9 @@ class ColumnCheck:
         return self._mended(self._held, final=True)
 
     def _mended(self, columns: Rows, final: bool) -> Rows:
-        x, y, p, t = columns
-        time, count = self._course.mend(t, final)
-        self._held = x[count:], y[count:], p[count:], t[count:]
-        return x[:count], y[:count], p[:count], time
+        time, count = self._course.mend(columns[3], final)
+        self._held = chosen_rows(columns, slice(count, None))
+        return *chosen_rows(columns, slice(count))[:3], time
 
 
 def _whole(t: NDArray[Any]) -> NDArray[np.int64]:

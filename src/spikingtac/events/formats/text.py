@@ -225,8 +225,8 @@ def _named(names: list[str], path: Path) -> Order:
     missing = [role for role in "txyp" if role not in {columns.role_of(name)[0] for name in names}]
     lacks = f"lacks {', '.join(missing)}" if missing else "names a column twice"
     raise FormatError(
-        f"{str(path)!r}: the header {','.join(names)!r} {lacks}; wanted are columns of time, "
-        "x, y and polarity, such as t,x,y,p (or leave the header out)"
+        f"{str(path)!r}: the header {','.join(names)!r} {lacks}; wanted are columns of time (s, "
+        "ms, us or ns), x, y and polarity, such as t_us,x,y,p (or leave the header out)"
     )
 
 
