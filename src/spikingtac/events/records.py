@@ -1,7 +1,8 @@
 """Files of small records: Prophesee ``.dat``, AEDAT 2.0 and 3.1, Event Stream ``.es``.
 
 Sources, all public: Prophesee, "DAT File Format": a text header, two bytes of type, then 32 bits of
-time (us) and, from the lowest bit, 14 of column, 14 of row, 4 of polarity. iniVation, "AEDAT file
+time (us) and, from the lowest bit, 14 of column, 14 of row, 4 of polarity; in version 1, of the
+ATIS, 9, 8 and 1. iniVation, "AEDAT file
 formats". AEDAT 2.0 of jAER: lines of text, then pairs of 32-bit words, most significant byte first:
 an address and a time, us, counted from the lower right corner. AEDAT 3.1 of cAER: lines of text up
 to ``#!END-HEADER``, then packets of one type each, little-endian. event_stream, "Specification",
@@ -27,6 +28,7 @@ from spikingtac.events.formats.pieces import refuse_piece
 
 CHUNK_BYTES = 1 << 20  # Bytes that are decoded at once.
 CD_TYPES = (0x00, 0x0C)  # Types of the events of a .dat file that are read.
+DAT_BITS = {"1": (9, 8, 1), "2": (14, 14, 4)}  # Version -> bits of column, row and polarity.
 DAT_EVENT = np.dtype([("t", "<u4"), ("address", "<u4")])
 AEDAT2_EVENT = np.dtype([("address", ">u4"), ("t", ">u4")])
 
@@ -72,7 +74,7 @@ class _Records(FileSource):
 
 
 class DatSource(_Records):
-    """Events of a ``.dat`` file of version 2."""
+    """Events of a ``.dat`` file; where it names no version, the first addresses tell it."""
 
     format = "DAT"
     _record = DAT_EVENT
@@ -82,9 +84,13 @@ class DatSource(_Records):
             header = read_header(file)
             kind = file.read(2)
             self._start = file.tell()
+            addresses = np.fromfile(file, DAT_EVENT, CHUNK_BYTES // DAT_EVENT.itemsize)["address"]
         self._named_size = header.size
-        if header.fields.get("Version", "2") != "2":
-            raise FormatError(f"{str(path)!r} is a .dat file of version 1; version 2 is read")
+        small = (addresses < 1 << sum(DAT_BITS["1"])).all()
+        version = header.fields.get("Version", "1" if small else "2")
+        if version not in DAT_BITS:
+            raise FormatError(f"{str(path)!r} is DAT of version {version}; 1 and 2 are read")
+        self._bits = DAT_BITS[version]
         if len(kind) == 2 and (kind[0] not in CD_TYPES or kind[1] != DAT_EVENT.itemsize):
             raise FormatError(
                 f"{str(path)!r} holds events of type {kind[0]:#x} with {kind[1]} bytes each; "
@@ -93,9 +99,11 @@ class DatSource(_Records):
         super().__init__(path, options)
 
     def _columns(self) -> Iterator[Rows]:
+        across, down, _ = self._bits
+        x_mask, y_mask, p_mask = ((1 << bits) - 1 for bits in self._bits)
         for events, t in self._records():
             address = events["address"].astype(np.int64)
-            yield address & 0x3FFF, (address >> 14) & 0x3FFF, (address >> 28) & 0xF, t
+            yield address & x_mask, address >> across & y_mask, address >> across + down & p_mask, t
 
 
 class Aedat2Source(_Records):

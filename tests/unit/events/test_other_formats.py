@@ -79,6 +79,10 @@ def test_dat_files(tmp_path: Path) -> None:
     source = open_events(tmp_path / "a.dat")
     assert rows(*source) == [(t, *row[1:]) for t, row in zip(times, ROWS, strict=True)]
     assert (source.size, dict(source.losses)) == ((320, 240), {"truncated": 1})
+    body = b"".join(struct.pack("<II", t, p << 17 | y << 9 | x) for t, x, y, p in ROWS)
+    for head in (b"", b"% Version 1\n"):
+        (tmp_path / "b.dat").write_bytes(head + b"\0\x08" + body)
+        assert rows(*open_events(tmp_path / "b.dat")) == ROWS
 
 
 MESSAGES = [

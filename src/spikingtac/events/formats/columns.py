@@ -161,17 +161,13 @@ def order_of_values(samples: Iterable[NDArray[Any]], where: str) -> Order:
     ]
     if len(readings) == 1:
         return Order(readings[0])
-    found = "; ".join(_spoken(reading, len(columns)) for reading in readings[:4])
+    orders = [{index: role for role, index in reading.items()} for reading in readings[:4]]
+    found = "; ".join(",".join(order.get(index, "-") for index in columns) for order in orders)
     reason = f"can be read in several ways: {found}" if readings else "fit no order of t, x, y, p"
     raise FormatError(
         f"{where}: the {len(columns)} columns {reason}; name them in a first line such as t,x,y,p "
         "(wanted: whole x and y from 0 on, polarity 0 and 1 or -1 and 1, ascending time)"
     )
-
-
-def _spoken(reading: dict[str, int], columns: int) -> str:
-    names = {index: role for role, index in reading.items()}
-    return ",".join(names.get(index, "-") for index in range(columns))
 
 
 def _holds_wrapped(p: NDArray[Any], where: str) -> bool:

@@ -6,7 +6,6 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Iterator
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -166,14 +165,12 @@ def labelled_table(path: Path) -> tuple[list[str], FloatArray]:
     lines = [(number, line) for number, line in text if line.lstrip()[:1] not in _NO_ROW]
     if len(lines) < 2:
         raise ValueError("it holds no rows of numbers")
-    names, mark, rows = _split(lines[0][1]), _delimiter(lines[0][1]), list[list[float]]()
+    names, mark, rows = _split(lines[0][1]), _delimiter(lines[0][1]), list[FloatArray]()
     for number, line in lines[1:]:
-        words = _split(line, mark)
-        row = [value for word in words if (value := _number(word)) is not None]
-        if not len(row) == len(words) == len(names) or not all(map(isfinite, row)):
+        rows.append(np.array([_number(word) for word in _split(line, mark)], np.float64))
+        if rows[-1].shape != (len(names),) or not np.isfinite(rows[-1]).all():
             raise ValueError(f"line {number} is {line[:40]!r} instead of {len(names)} numbers")
-        rows.append(row)
-    return names, np.array(rows)
+    return names, np.stack(rows)
 
 
 def looks_like_text(sample: bytes) -> bool:
