@@ -208,8 +208,11 @@ def create_events(
         encoding: For ``.raw``: ``evt3`` (the default), ``evt21`` or ``evt2``.
 
     Raises:
-        ConfigError: The ending or the encoding is unknown.
+        ConfigError: The ending or the encoding is unknown, or the size no pair of whole numbers
+            from 1 on.
         FormatError: The sensor does not fit into the format.
         MissingExtraError: The format needs a library of the extra ``[formats]``.
     """
+    if any(side < 1 or side % 1 for side in size):
+        raise ConfigError(f"size is {size}, it must be (width, height) in whole px from 1 on")
     return writer_of(Path(path).suffix, encoding)(path, size)

@@ -216,10 +216,12 @@ def test_writers_refuse_what_does_not_fit(tmp_path: Path) -> None:
                 writer.write(packet(t, x))
     with pytest.raises(FormatError, match="closed"):
         writer.write(packet([9], 1))
-    with pytest.raises(FormatError, match="addresses"):
-        create_events(tmp_path / "b.raw", (4096, 16))
-    with pytest.raises(FormatError, match=r"addresses of \.aedat4 files \(at most 32768"):
-        create_events(tmp_path / "b.aedat4", (40_000, 16))
+    for name, size, told in (
+        ("b.raw", (4096, 16), "addresses"), ("b.aedat4", (40_000, 16), r"4 files \(at most 32768"),
+        ("b.npz", (0, 0), "size is"), ("b.h5", (-3, 5), "size is"), ("b", (320.5, 240), "size is"),
+    ):  # fmt: skip
+        with pytest.raises(SpikingTacError, match=told):
+            create_events(tmp_path / name, size)
     with pytest.raises(ConfigError, match="encoding"):
         open_events(tmp_path / "a.raw", encoding="evt5")
     assert times(open_events(tmp_path / "a.raw")) == [5]
