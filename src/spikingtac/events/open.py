@@ -134,10 +134,15 @@ def first_event_us(path: str | Path) -> int | None:
 
 
 def _bags(folder: Path) -> list[Path]:
-    """Return the files of a bag in a folder, in the order of their recording."""
+    """Return the files of a bag in a folder, in the order of their recording.
+
+    Bags of ROS 1 whose names differ by more than numbers are no parts of one.
+    """
     endings = (".db3", ".mcap") if (folder / "metadata.yaml").is_file() else (".bag",)
     files = [file for ending in endings for file in folder.glob(f"*{ending}")]
     numbers = {file: [int(number) for number in re.findall(r"\d+", file.name)] for file in files}
+    if ".bag" in endings and len({re.sub(r"\d+", "", file.name) for file in files}) > 1:
+        return []
     return sorted(files, key=lambda file: (numbers[file], file.name))  # 9 comes before 10
 
 

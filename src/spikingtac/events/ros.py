@@ -132,6 +132,8 @@ class RosSource(FileSource):
 
     def _packets(self, topic: str | None) -> Iterator[tuple[str, _Packet]]:
         for path in self._paths:
+            log = Path(f"{path}-wal")  # what a recorder that was ended did not put into the file
+            self.losses.add("truncated", int(log.is_file() and log.stat().st_size > 0))
             for message in messages_of(path, (*PACKETS, *ARRAYS), self.losses.add):
                 if topic is not None and message.topic != topic:
                     self.losses.add("unknown_message")
@@ -244,8 +246,8 @@ def _database_messages(path: Path, types: tuple[str, ...], count: Count) -> Iter
                 yield RawMessage(name, data, cdr=True, kind=told)
             else:
                 count("bad_record")
-    except (sqlite3.Error, MemoryError, OverflowError):
-        count("bad_record")
+    except (sqlite3.Error, MemoryError, OverflowError):  # nothing behind the damage can be read
+        count("truncated")
     finally:
         database.close()
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from spikingtac.errors import FormatError
+from spikingtac.errors import FormatError, RecordingError
 from spikingtac.events import open_events
 from stand_ins.bags import cdr, mcap_chunk, mcap_file, packet_words, ros1_bag, write_db3
 from stand_ins.random_packets import rows
@@ -97,6 +97,9 @@ def test_a_bomb_in_an_mcap_is_refused(tmp_path: Path, kind: str) -> None:
 def test_ros1_bags_lose_one_chunk(tmp_path: Path, kind: str) -> None:
     whole = ros1_bag(chunked(ros1=True), kind)
     assert rows(*opened(tmp_path / "a.bag", whole, strict=True)) == expected()
+    opened(tmp_path / "b.bag", whole)
+    with pytest.raises(RecordingError, match=r"a\.bag, .*b\.bag: give one of these"):
+        open_events(tmp_path)
     data, place = bytearray(whole), places_of_chunks(whole)[4]
     data[place + 60] ^= 0xFF
     data[place + 70] ^= 0xFF
@@ -127,6 +130,12 @@ def test_text_that_is_not_utf8_is_no_internal_error(tmp_path: Path) -> None:
         base.execute("UPDATE topics SET name = CAST(X'FF2F65' AS TEXT)")
     base.close()
     assert rows(*open_events(tmp_path / "a.db3")) == expected()
+    (tmp_path / "a.db3-wal").write_bytes(b"messages")
+    source = open_events(tmp_path / "a.db3")
+    assert (rows(*source), dict(source.losses)) == (expected(), {"truncated": 1})
+    (tmp_path / "a.db3").write_bytes((tmp_path / "a.db3").read_bytes()[:5_000])
+    with pytest.raises(FormatError, match="is cut before its first readable message of events"):
+        open_events(tmp_path / "a.db3")
 
 
 @pytest.mark.parametrize(

@@ -233,12 +233,10 @@ def _length(dataset: Any) -> int:
 def _beside(file: Any, group: str, names: tuple[str, ...]) -> Any:
     """Return the first data set of some names in a group or one that holds it, or None."""
     levels = group.rstrip("/").split("/")
-    for depth in range(len(levels), 0, -1):
-        for name in names:
-            place = "/".join([*levels[:depth], name])
-            if place in file and not getattr(file[place], "external", None):
-                return file[place]
-    return None
+    depths = range(len(levels), 0, -1)
+    places = ("/".join([*levels[:depth], name]) for depth in depths for name in names)
+    found = (file[place] for place in places if place in file)
+    return next((item for item in found if not getattr(item, "external", None)), None)
 
 
 def _offset_us(file: Any, group: str) -> int | None:

@@ -175,12 +175,10 @@ def labelled_table(path: Path) -> tuple[list[str], FloatArray]:
 
 def looks_like_text(sample: bytes) -> bool:
     """Return whether bytes begin a table of numbers, perhaps after comments and a header."""
-    if b"\0" in sample:
-        return False
     lines = sample.decode("utf-8", "replace").splitlines()[:-1] or [sample.decode("latin-1")]
     rows = [_split(line) for line in lines if line.lstrip()[:1] not in _NO_ROW]
     numbers = [row for row in rows if len(row) >= 4 and None not in map(_number, row)]
-    return len(numbers) > 0 and len(numbers) >= len(rows) // 2
+    return b"\0" not in sample and len(numbers) > 0 and len(numbers) >= len(rows) // 2
 
 
 def _samples(path: Path, start: int) -> list[bytes]:
