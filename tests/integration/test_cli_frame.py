@@ -152,6 +152,7 @@ def test_help_shows_no_none_and_verbs_that_write_take_overwrite(verb: str, verbs
         (("convert", "a", "b", "--crop", "1", "2"), "--crop"),
         (("plot", "a", "b"), "Unrecognized options: b"),
         (("track", "a", "--workers=1.5"), "--workers takes a whole number, '1.5' is none"),
+        (("convert", "a", "b", "--size", "9x9"), "--size takes 2 whole numbers with blanks"),
         (
             ("track", "a", "--polarity", "whites"),
             "--polarity cannot be 'whites'; did you mean 'white'? (valid: white",

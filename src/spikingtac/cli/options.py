@@ -237,6 +237,11 @@ def _options(arguments: type) -> dict[str, Any]:
 
 
 def _check_value(name: str, value: str, kind: Any) -> None:
+    several = typing.get_args(kind)
+    if {*several} == {int} and not value.removeprefix("-").isdecimal():
+        raise ConfigError(
+            f"{name} takes {len(several)} whole numbers with blanks between them, {value!r} is none"
+        )
     if kind in (int, float):
         try:
             number = kind(value)
