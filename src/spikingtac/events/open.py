@@ -196,10 +196,8 @@ def _kind_by_values(path: Path, start: bytes) -> str:
     ending, told = path.suffix.lower(), told_kind(path)
     if told is not None:
         raise FormatError(f"{path.name!r} holds no events: {told}")
-    if looks_like_text(start):
-        return "text"
-    if ending in _BY_ENDING:
-        return _BY_ENDING[ending]
+    if known := "text" if looks_like_text(start) else _BY_ENDING.get(ending):
+        return known
     if ending not in FOREIGN and best_candidate(start, None)[1] <= SOUND_SHARE:
         return "raw"
     meant = nearest(ending, READABLE) if ending not in FOREIGN else ""

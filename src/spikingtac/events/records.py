@@ -86,8 +86,8 @@ class DatSource(_Records):
             self._start = file.tell()
             addresses = np.fromfile(file, DAT_EVENT, CHUNK_BYTES // DAT_EVENT.itemsize)["address"]
         self._named_size = header.size
-        small = (addresses < 1 << sum(DAT_BITS["1"])).all()
-        version = header.fields.get("Version", "1" if small else "2")
+        long = (addresses >> sum(DAT_BITS["1"])).any()
+        version = header.fields.get("Version", "2" if long else "1")
         if version not in DAT_BITS:
             raise FormatError(f"{str(path)!r} is DAT of version {version}; 1 and 2 are read")
         self._bits = DAT_BITS[version]

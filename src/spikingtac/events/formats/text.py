@@ -102,10 +102,9 @@ class TextSource(columns.TableSource):
         place = self._order.place
         words = [column.count(None) > len(column) // 2 for column in zip(*whole, strict=True)]
         # Of a table with names, what no role needs may hold anything.
-        unneeded = {*range(self._width)}.difference(place.values())
-        self._labels = {index for index in unneeded if place or words[index]}
+        kept = [k for k in range(self._width) if k in place.values() or not (place or words[k])]
+        self._labels = {*range(self._width)}.difference(kept)
         tables = [] if place else [self._table(sample) for sample in samples]
-        kept = [index for index in range(self._width) if index not in self._labels]
         told = len(kept) >= len(columns.ROLES) and any(map(len, tables))
         if not (max(place.values()) < width if place else told):
             raise FormatError(
