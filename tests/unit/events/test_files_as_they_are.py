@@ -67,7 +67,7 @@ TEXTS: dict[str, str] = {
     ),
     "exponents, as numpy.savetxt writes them": table(t=[f"{t:.18e}" for t in T]),
     "quotes": "".join(f'"{line}"\n' for line in table(mark='","').splitlines()),
-    "a byte order mark": "\ufeff" + table(),
+    "a byte order mark, and columns by number": "\ufeff0,1,2,3\n" + table(),
     "%geometry": table("xypt", head="%geometry:346,260\n"),
     "size in a comment": table(head="# size 346 260\n# by hand\n"),
     "CRLF": table(head="t,x,y,p\n").replace("\n", "\r\n"),
@@ -112,11 +112,11 @@ def test_rows_out_of_order_are_sorted_and_counted(tmp_path: Path, mark: str, t: 
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("t,x,y\n1,2,3\n", "lacks p"),
+        ("t,x,y\n1,2,3\n", "lacks p; wanted .* ON and OFF or true"),
         ("t,x,y,p,time\n1,2,3,1,5\n", "twice"),
         ("t_s,t_us,x,y,p\n0.5,500000,2,3,1\n1.5,1500000,2,3,0\n", "twice"),
         ("time [0.1 ms],x,y,p\n1,2,3,1\n", "lacks t; wanted are columns of time"),
-        ("1,2,3\n4,5,6\n", "columns, but time, x, y and polarity are needed"),
+        ("[1, 2, 3, 1]\n[4, 5, 6, 0]\n", r"as '\[1,2,3,1\]', have 4 columns, but time"),
         ("t,x,y,p\n1,2,3\n4,5,6\n", "columns, but time, x, y and polarity are needed"),
         ("t,x,y,p\n", "holds no events: nothing was recorded"),
         ("t,x,y,p\n2024-01-01,1,2,1\n", r"none can be read \(bad_record 1\)"),

@@ -165,8 +165,8 @@ def order_of_values(samples: Iterable[NDArray[Any]], where: str) -> Order:
     found = "; ".join(",".join(order.get(index, "-") for index in columns) for order in orders)
     reason = f"can be read in several ways: {found}" if readings else "fit no order of t, x, y, p"
     raise FormatError(
-        f"{where}: the {len(columns)} columns {reason}; name them in a first line such as t,x,y,p "
-        "(wanted: whole x and y from 0 on, polarity 0 and 1 or -1 and 1, ascending time)"
+        f"{where}: the {len(columns)} columns {reason}; name them, in a first line t,x,y,p or in "
+        "an .npz (wanted: whole x and y from 0 on, polarity 0 and 1 or -1 and 1, ascending time)"
     )
 
 

@@ -246,8 +246,8 @@ def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
             if len(files) != 1 or files[0].compress_type not in PACKINGS:
                 names = ", ".join(archive.namelist()[:5]) or "nothing"
                 raise FormatError(
-                    f"{str(path)!r} holds {names}; a zip with exactly one recording is read: "
-                    "unpack it and name a file"
+                    f"{str(path)!r} holds {names}; a zip with exactly one recording, stored or "
+                    "deflated, is read: unpack it and name a file"
                 )
             with archive.open(files[0]) as content:
                 inner = folder / (Path(files[0].filename).name or "recording")

@@ -15,7 +15,7 @@ from spikingtac.errors import FormatError
 from spikingtac.events.formats import columns
 from spikingtac.events.formats.columns import Order, order_named
 from spikingtac.events.formats.file_source import ReadOptions
-from spikingtac.types import FloatArray
+from spikingtac.types import FloatArray, LossCounters
 
 CHUNK_BYTES = 1 << 20
 
@@ -33,7 +33,7 @@ _SIZE = re.compile(r"(?:size|geometry|resolution)\W{1,3}(\d+)\s*[x,;\s]\s*(\d+)"
 _WIDTH_HEIGHT = re.compile(r"(?:width\W{1,3}|x@)(\d+).*?(?:height\W{1,3}|y@)(\d+)", re.IGNORECASE)
 _ROW = re.compile(rb"^\s*[^#%\s]", re.MULTILINE)  # NumPy warns of a text without one.
 _NO_ROW = ("", "#", "%")  # How other lines than rows begin.
-_BYTE_ORDER_MARK = "\ufeff".encode()  # What some programs begin UTF-8 with.
+_NUMBERED = re.compile(r"\W*0\W+1\W+2\W+3(\W+4)?\W*")  # The header of a table without names.
 
 
 class TextSource(columns.TableSource):
@@ -52,7 +52,7 @@ class TextSource(columns.TableSource):
     format = "text table"
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        self._delimiter, self._width, self._bad = "", 0, 0
+        self._delimiter, self._width, self.losses = "", 0, LossCounters()
         self._labels: set[int] = set()  # columns of words, or that no role needs
         self._start = self._read_head(path)
         super().__init__(path, options)
@@ -62,10 +62,10 @@ class TextSource(columns.TableSource):
         comments: list[str] = []
         with path.open("rb") as file:
             while line := file.readline(CHUNK_BYTES):
-                bare = line.removeprefix(_BYTE_ORDER_MARK)
+                bare = line.removeprefix(b"\xef\xbb\xbf")  # what some programs begin UTF-8 with
                 # The only letter outside of ASCII that matters, where the text is no UTF-8.
                 text = bare.decode("utf-8", "replace").replace("\ufffd", "µ").strip()
-                if not text:
+                if not text or _NUMBERED.fullmatch(text):
                     continue
                 if size := _SIZE.search(text) or _WIDTH_HEIGHT.search(text):
                     self._named_size = int(size[1]), int(size[2])
@@ -108,23 +108,22 @@ class TextSource(columns.TableSource):
         told = len(kept) >= len(columns.ROLES) and any(map(len, tables))
         if not (max(place.values()) < width if place else told):
             raise FormatError(
-                f"{str(path)!r} is no table of events: its rows have {width} columns, "
-                "but time, x, y and polarity are needed"
+                f"{str(path)!r} is no table of events: its rows, as {','.join(rows[0])[:40]!r}, "
+                f"have {width} columns, but time, x, y and polarity are needed, each a plain number"
             )
         if not place:
             found = columns.order_of_values([table[:, kept] for table in tables], repr(str(path)))
             self._order = Order({role: kept[index] for role, index in found.place.items()})
 
     def _tables(self) -> Iterator[FloatArray]:
-        self._bad, tail = 0, b""
+        tail = b""
         for data in itertools.chain(self._chunks(self._start, CHUNK_BYTES), [b""]):
             complete, newline, tail = (tail + (data or b"\n")).rpartition(b"\n")
             if not newline and len(tail) >= CHUNK_BYTES:  # no line is so long
-                self._bad, tail = self._bad + 1, b""
+                self.losses.add("bad_record")
+                tail = b""
             if _ROW.search(complete) and self._order.place:
                 yield self._table(complete)
-            self.losses.add("bad_record", self._bad)
-            self._bad = 0
 
     def _table(self, text: bytes) -> FloatArray:
         """Return the lines that parse, ``(n, columns)``: at once if all do, else one by one."""
@@ -147,10 +146,10 @@ class TextSource(columns.TableSource):
                 for words in (words + missing[len(words) :] for words in lines)
             ]
             rows = [row for row in rows if len(row) == self._width and None not in row]
-            self._bad += len(lines) - len(rows)
+            self.losses.add("bad_record", len(lines) - len(rows))
             table = np.array(rows, np.float64).reshape(len(rows), self._width)
         sound = (np.abs(table) < NUMBER_LIMIT).all(axis=1)
-        self._bad += len(table) - int(np.count_nonzero(sound))
+        self.losses.add("bad_record", len(table) - int(np.count_nonzero(sound)))
         return table if sound.all() else table[sound]
 
 
@@ -220,7 +219,8 @@ def _named(names: list[str], path: Path) -> Order:
     lacks = f"lacks {', '.join(missing)}" if missing else "names a column twice"
     raise FormatError(
         f"{str(path)!r}: the header {','.join(names)!r} {lacks}; wanted are columns of time (s, "
-        "ms, us or ns), x, y and polarity, such as t_us,x,y,p (or leave the header out)"
+        "ms, us or ns), x, y and polarity, such as t_us,x,y,p (or leave the header out); polarity "
+        "holds 0 and 1, -1 and 1, + and -, ON and OFF or true and false"
     )
 
 
