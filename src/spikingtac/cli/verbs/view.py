@@ -200,7 +200,6 @@ def simulate(args: SimulateArgs) -> int:
     """Write the recording, or list the scenes."""
     from spikingtac import sim
     from spikingtac.plugins import SCENE_DESIGNS, WithPlugins
-    from spikingtac.stream.record import recorded
 
     if args.list:
         scenes = sim.scene_descriptions()
@@ -213,8 +212,6 @@ def simulate(args: SimulateArgs) -> int:
             "give a scene and a folder: spikingtac simulate SCENE -o FOLDER "
             f"(scenes: {', '.join(sim.scene_names())}, or a TOML file)"
         )
-
-    recorded(args.output, args.overwrite)
     scene = sim.load_scene(args.scene).with_camera(args.camera).with_serial(args.serial)
     if args.design is not None:
         # The package that registers the designs puts the scene on one of them.
