@@ -160,6 +160,12 @@ def test_help_shows_no_none_and_verbs_that_write_take_overwrite(verb: str, verbs
         (("view", "demo", "--seed", "-1"), "--seed is -1, it must not be negative"),
         (("experiment", "holes", "-o", "run", "--seeds", "0"), "--seeds is 0, it must be above 0"),
         (("calibrate", "a", "--plot", "a.xyz"), "(valid endings: .png"),
+        (("calibrate", "a", "-o", "a.xyz"), "(valid endings: .json)"),
+        (("touch", "a", "-o", "a.parquet"), "(valid endings: .csv)"),
+        (("track", "a", "-o", "a.xyz"), "(valid endings: .npz, .csv, .parquet)"),
+        (("compare", "a", "b", "--table", "a.xlsx"), "(valid endings: .csv)"),
+        (("force", "fit", "a", "-o", "a.json"), "(valid endings: .onnx)"),
+        (("force", "apply", "a", "-o", "a.csv"), "(valid endings: .npz)"),
         (("experiment", "point-trackng", "-o", "run"), "did you mean 'point-tracking'"),
         (
             ("experiment", "point-tracking", "-o", "run", "--methods", "defualt"),
@@ -252,7 +258,8 @@ def test_a_file_is_replaced_only_when_asked(
     verb: str, made: Path, tmp_path: Path, verbs: Verbs
 ) -> None:
     fails = verb == "calibrate"  # without events: what was there stays
-    output, recording = tmp_path / "out.npz", made / ("zero.npz" if fails else "circling")
+    output = tmp_path / ("out.json" if fails else "out.npz")
+    recording = made / ("zero.npz" if fails else "circling")
     output.write_bytes(b"mine")
     given = [verb, recording, *(() if verb == "convert" else ("-o",)), output]
     given += ["--calibration", made / "finger.json"] if verb == "track" else []

@@ -59,7 +59,7 @@ class Work(NamedTuple):
         row: Takes a document; returns the figures of its row in the table of many.
         shown: Takes a document, the recording's name and the first finger's document; returns what
             a reader sees.
-        ending: Ending of the outputs of many.
+        endings: Valid endings of the output, any where there are none; many get the first.
         check: Takes the arguments; refuses what is wrong for all of many.
         members: Arrays that tell a recording from other archives.
     """
@@ -68,7 +68,7 @@ class Work(NamedTuple):
     one: Callable[[Any, Any, Any, Advance], dict[str, Any]]
     row: Callable[[dict[str, Any]], Mapping[str, Any]]
     shown: Callable[[dict[str, Any], str, dict[str, Any]], Iterable[Table | str]]
-    ending: str
+    endings: Sequence[str]
     check: Callable[[Any], object] = lambda args: None
     members: Sequence[str] = EVENT_MEMBERS
 
@@ -84,7 +84,7 @@ def run_each(work: Work, args: Any, given: Sequence[Path], output: Path | None) 
 
 def run_one(work: Work, args: Any, recording: Path, output: Path | None) -> int:
     """Work on one recording and say what came out."""
-    args.claim(output)
+    args.claim(output, endings=work.endings)
     with progress(f"{work.verb} {recording.name}") as advance:
         found = work.one(args, recording, output, advance)
     written = [f"written: {output}"] if output else []
@@ -103,7 +103,7 @@ def _run_two(work: Work, args: Any, first: Path, output: Path | None, many: bool
     fingers = args, replace(args, calibration=args.second_calibration)
     second = None if output is None else output.with_name(name_of(output.name, 1))
     outputs = [path for path in (output, second) if path]
-    args.claim(*outputs)
+    args.claim(*outputs, endings=work.endings)
 
     def one(number: int, source: st.EventSource) -> dict[str, Any]:
         return work.one(fingers[number], source, outputs[number] if outputs else None, no_progress)
@@ -143,7 +143,7 @@ def run_many(work: Work, args: Any, given: Sequence[Path]) -> int:
         work=partial(_row, work.one, work.row, fixed),
         recordings=find_recordings(given, work.members, folder),
         folder=folder,
-        ending=work.ending,
+        ending=work.endings[0],
         settings={
             name: str(value) if isinstance(value, Path) else value
             for name, value in vars(fixed).items()

@@ -21,11 +21,12 @@ from spikingtac.file_kinds import kind_of
 from spikingtac.markers.calibration.lattice import LayoutKind
 from spikingtac.markers.calibration.reference import Method
 from spikingtac.plots.circles import save_calibration_plot
-from spikingtac.plots.figure import check_target
+from spikingtac.plots.figure import PICTURE_ENDINGS
 from spikingtac.types import Polarity
 
 TELL_US = 2_000_000  # Sensor time between two reports of what a calibration lacks, us.
 TOO_STILL = "too little moves to tell whether it fits; touch the skin in many places"
+ENDINGS = (".json",)  # Of what is written.
 MOST_NAMED = 8  # Stray spots that are named one by one.
 
 # Figures of a calibration, and of its notes, that are told as they are.
@@ -98,9 +99,8 @@ def run(args: Args) -> int:
     recording = args.recordings[0]
     if kind_of(recording) == "calibration":
         return _set_scale(args, recording)
-    args.claim(args.output)
-    if args.plot is not None:
-        check_target(args.plot, overwrite=args.overwrite)
+    args.claim(args.output, endings=ENDINGS)
+    args.claim(args.plot, endings=PICTURE_ENDINGS)
     same = ("pitch_mm", "lens", "polarity", "layout", "method", "allow_missing")
     given = {name: getattr(args, name) for name in same}
     config = st.CalibrationConfig(grid=_grid_shape(args.grid), **given)
@@ -128,7 +128,7 @@ def _set_scale(args: Args, path: Path) -> int:
             "the scale of a calibration: --pitch-mm 2.4 (above 0)"
         )
     args.refuse(f"is for recordings, and {str(path)!r} is a calibration", "sensor", *OF_RECORDINGS)
-    require_free(args.output, args.overwrite)
+    require_free(args.output, args.overwrite, ENDINGS)
     calibration = st.Calibration.load(path).with_pitch(args.pitch_mm)
     calibration.save(args.output)
     document = {"output": str(args.output), "px_per_mm": calibration.px_per_mm}
@@ -289,6 +289,6 @@ CHECK = Work(
     check_one,
     check_row,
     lambda *_: (),
-    ".json",
+    ENDINGS,
     lambda args: st.Calibration.load(args.check),
 )

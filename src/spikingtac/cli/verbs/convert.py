@@ -70,7 +70,7 @@ def run(args: Args) -> int:
             raise st.ConfigError("of many files, convert needs the format to write: --to npz")
         writer_of(args.to, args.encoding)  # refuses what cannot be written
         ending = "." + args.to.lower().removeprefix(".")
-        return run_many(WORK._replace(ending=ending), args, args.files)
+        return run_many(WORK._replace(endings=(ending,)), args, args.files)
     if len(args.files) != 2 or means_many(args, args.files[:1]):
         raise st.ConfigError(
             "convert takes a file to read and a file to write; of many files, it takes "
@@ -165,7 +165,7 @@ def convert_shown(found: dict[str, Any], name: str, first: dict[str, Any]) -> li
     return [*notes, *counted(found["anomalies"], "input"), f"{found['events']} events"]
 
 
-WORK = Work("convert", convert_one, convert_row, convert_shown, ".npz")
+WORK = Work("convert", convert_one, convert_row, convert_shown, ())
 
 
 @dataclass(frozen=True, kw_only=True)

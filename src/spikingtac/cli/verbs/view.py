@@ -13,7 +13,7 @@ from spikingtac.cli.messages import UNTRACKED, figures, progress, remark, tell
 from spikingtac.cli.options import RealtimeArgs, TrackerArgs, WriteArgs
 from spikingtac.cli.sources import ask_for_real_time, require_live
 from spikingtac.errors import ConfigError
-from spikingtac.plots.figure import PICTURE_ENDINGS, check_target
+from spikingtac.plots.figure import PICTURE_ENDINGS
 from spikingtac.sim.camera.config import CAMERA_NAMES
 from spikingtac.viewer.access import PageOptions
 
@@ -109,7 +109,7 @@ def _exported(opener: Opener, args: Args, target: Path) -> dict[str, Any]:
     from spikingtac.viewer.export import ENDINGS, export
 
     args.refuse("is for the page; an export shows no forces", "force")
-    check_target(target, ENDINGS, args.overwrite)
+    args.claim(target, endings=ENDINGS)
     with progress(f"exporting to {target.name}"):
         view = opener()
         written = export(view, target, seconds=args.seconds)
@@ -121,8 +121,7 @@ def _shown(opener: Opener, args: PageArgs, **session: bool) -> dict[str, Any]:
     from spikingtac.viewer.export import summarize
     from spikingtac.viewer.show import show
 
-    if args.picture is not None:
-        check_target(args.picture, PICTURE_ENDINGS, args.overwrite)
+    args.claim(args.picture, endings=PICTURE_ENDINGS)
     if not args.headless:
         found = show(opener, args, remark, picture=args.picture, **session)
     else:
