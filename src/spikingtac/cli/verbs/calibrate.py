@@ -36,8 +36,7 @@ NOTED = ("missing", "doubtful", "explained", "events", "residual", "scatter_px")
 # Options that mean nothing where the scale of a calibration is set, or one is checked.
 OF_RECORDINGS = ("grid", "layout", "lens", "polarity", "method", "allow_missing", "plot",
                  "until_ready")  # fmt: skip
-UNUSUAL = ("no_lens", "left_out_px", "stray_px", "fitting_grid", "coarse_steps", "flicker_hz",
-           "event_loss")  # fmt: skip
+UNUSUAL = ("no_lens", "left_out_px", "stray_px", "coarse_steps", "flicker_hz", "event_loss")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,7 +216,6 @@ def _notes(calibration: st.Calibration, found: dict[str, Any]) -> list[str]:
 
     hot, left_out, stray = (found[name] or [] for name in ("hot_px", "left_out_px", "stray_px"))
     places = "; ".join(f"x {x:.0f}, y {y:.0f} px" for x, y in stray[:MOST_NAMED])
-    fits = "x".join(map(str, found["fitting_grid"] or ()))
     missing, doubtful = (
         [marker_name(marker, calibration.grid) for marker in found[name]]
         for name in ("missing", "doubtful")
@@ -232,7 +230,6 @@ def _notes(calibration: st.Calibration, found: dict[str, Any]) -> list[str]:
         f"Hot pixels, whose events are ignored: {len(hot)}.": hot,
         f"Left out, since they lie beyond the border: {len(left_out)}.": left_out,
         f"{len(stray)} spots move like markers and belong to no row: {places}.": stray,
-        f"The grid {fits} fits all that moves: give --grid {fits}.": found["fitting_grid"],
         f"Hardly moved, or hidden; expected from the others: {'; '.join(missing)}.": missing,
         f"Doubtful, since discs explain little of them: {'; '.join(doubtful)}.": doubtful,
     }

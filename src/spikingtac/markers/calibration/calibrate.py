@@ -153,7 +153,6 @@ def _calibration(
             "explained": np.round(quality.explained[keep], 3).tolist(),
             "events": np.round(quality.events[keep]).astype(int).tolist(),
             "stray_px": view.markers.stray_px.round(1).tolist(),
-            "fitting_grid": layout.fits,
             "flicker_hz": flicker_hz(view.events),
             **({"left_out_px": left_out_px} if left_out_px else {}),
             **({"coarse_steps": coarse} if coarse else {}),
