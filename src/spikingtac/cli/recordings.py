@@ -77,7 +77,7 @@ def run_each(work: Work, args: Any, given: Sequence[Path], output: Path | None) 
     """Work on what is given: one recording, two fingers, or many."""
     many = means_many(args, given)
     if args.second is not None:
-        return _run_two(work, args, given[0], output, many)
+        return _run_two(work, args, given, output, many)
     args.refuse("is for the other finger: --second RECORDING", "second_calibration")
     return run_many(work, args, given) if many else run_one(work, args, given[0], output)
 
@@ -91,7 +91,7 @@ def run_one(work: Work, args: Any, recording: Path, output: Path | None) -> int:
     return tell(args.json, found, *work.shown(found, recording.name, found), *written)
 
 
-def _run_two(work: Work, args: Any, first: Path, output: Path | None, many: bool) -> int:
+def _run_two(work: Work, args: Any, given: Sequence[Path], output: Path | None, many: bool) -> int:
     """Work on two fingers, on the first one's clock."""
     if many:
         raise ConfigError("--second is the other finger of one recording; give a single one")
@@ -100,7 +100,7 @@ def _run_two(work: Work, args: Any, first: Path, output: Path | None, many: bool
             "two fingers need a calibration each: --calibration and --second-calibration"
         )
     args.refuse("is for one finger", "sensor")
-    fingers = args, replace(args, calibration=args.second_calibration)
+    first, fingers = given[0], (args, replace(args, calibration=args.second_calibration))
     second = None if output is None else output.with_name(name_of(output.name, 1))
     outputs = [path for path in (output, second) if path]
     args.claim(*outputs, endings=work.endings)
@@ -117,31 +117,28 @@ def _run_two(work: Work, args: Any, first: Path, output: Path | None, many: bool
 
 
 def means_many(args: ManyArgs, given: Sequence[Path]) -> bool:
-    """Return whether a verb shall work on many recordings, into a folder.
-
-    Raises:
-        ConfigError: Nothing is given.
-    """
-    if not given:
-        raise ConfigError("name a recording, several, a folder of them, or a pattern in quotes")
+    """Return whether a verb shall work on many recordings, into a folder."""
     return args.workers is not None or args.resume or is_many(given)
 
 
 def run_many(work: Work, args: Any, given: Sequence[Path]) -> int:
     """Work on many recordings and say what came out; 1 where one failed, 0 otherwise."""
     folder: Path | None = args.output
+    recordings = find_recordings(given, work.members, folder)
     if folder is None or (folder.suffix and not folder.is_dir()) or folder.is_file():
         named = "none is given" if folder is None else f"{str(folder)!r} is given"
+        alone = len(recordings) == 1 and recordings[0] != given[0]
         raise ConfigError(
             f"{work.verb} of many recordings writes into a folder, {named}; "
             "give its name without an ending: -o results"
+            + (f"; or name what {given[0]} holds: {recordings[0]}" if alone else "")
         )
     work.check(args)
     fixed = _absolute(args)
     batch = Batch(
         name=work.verb,
         work=partial(_row, work.one, work.row, fixed),
-        recordings=find_recordings(given, work.members, folder),
+        recordings=recordings,
         folder=folder,
         ending=work.endings[0],
         settings={

@@ -91,6 +91,8 @@ def run(args: Args) -> int:
     if args.check is not None:
         return _check(args, args.check)
     if means_many(args, args.recordings):
+        if args.recordings and args.recordings[0].is_dir():
+            args.open(args.recordings[0])  # refuses a folder, and names what it holds
         raise st.ConfigError(
             "calibrate learns from one recording; to check many against a calibration: "
             "spikingtac calibrate --check calibration.json DAY -o DAY_checked"

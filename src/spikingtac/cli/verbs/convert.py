@@ -72,6 +72,8 @@ def run(args: Args) -> int:
         ending = "." + args.to.lower().removeprefix(".")
         return run_many(WORK._replace(endings=(ending,)), args, args.files)
     if len(args.files) != 2 or means_many(args, args.files[:1]):
+        if args.files and args.files[0].is_dir():
+            args.open(args.files[0])  # refuses a folder, and names what it holds
         raise st.ConfigError(
             "convert takes a file to read and a file to write; of many files, it takes "
             "all of them and the folder and format to write: -o FOLDER --to npz"
