@@ -150,6 +150,7 @@ def test_help_shows_no_none_and_verbs_that_write_take_overwrite(verb: str, verbs
         (("view",), "SOURCE"),
         (("view", "a", "--export", "x.gif", "-o", "x.png"), "-o and --export write the same"),
         (("convert", "a", "b", "--crop", "1", "2"), "--crop"),
+        (("plot", "udp:7777"), "is a live source; record it first"),
         (("plot", "a", "b"), "Unrecognized options: b"),
         (("track", "a", "--workers=1.5"), "--workers takes a whole number, '1.5' is none"),
         (
@@ -197,7 +198,7 @@ def test_what_is_typed_wrong_is_told_in_words(
         (("track", "circling", "--calibration", "wide.json"), "the calibration is for 640x480"),
         (("compare", "tracks.npz", "finger.json"), "neither tracks nor a truth: it is a calib"),
         (("compare", "tracks.npz", "nowhere.npz"), "No such file"),
-        (("compare", "tracks.csv", "truth.npz"), "no tracks: it is a table; tracks are"),
+        (("compare", "tracks.csv", "tracks.npz"), "no tracks: it is a table; tracks are"),
         (("plot", "tracks.csv"), "no events: it is a table; tracks are read as .npz,"),
         (("plot", "tracks.parquet"), "no events: it is a table; tracks are read as .npz,"),
         (("touch", "nowhere.npz"), "there is no file"),

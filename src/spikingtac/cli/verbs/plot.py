@@ -86,6 +86,8 @@ def run(args: Args) -> int:
 def _of_events(args: Args, output: Path, kind: str) -> dict[str, Any]:
     from spikingtac.plots.events import event_figures, plot_events
 
+    if events.is_stream(args.source):
+        raise st.ConfigError(f"{str(args.source)!r} is a live source; record it first, or view it")
     source = st.open_events(args.source)
     found = event_figures(source, args.at_s)
     save_figure(plot_events(found, kind, theme=args.theme, width=args.width), output)
@@ -153,8 +155,7 @@ def compared(one: Path, other: Path) -> Comparison:
     """
     path = other / "truth.npz" if other.is_dir() else other
     kind = kind_of(path)
-    untracked = kind_of(one) in ("recording", "truth") or (one.is_file() and one.suffix != ".npz")
-    if kind == "tracks" and untracked:
+    if kind == "tracks" and kind_of(one) in ("recording", "truth"):
         raise st.ConfigError(f"the tracks come first: spikingtac compare {other} {one}")
     tracks = st.Tracks.load(one)
     if kind not in ("tracks", "truth") and path.exists():
