@@ -148,7 +148,7 @@ def test_help_shows_no_none_and_verbs_that_write_take_overwrite(verb: str, verbs
         (("info", "--stricd", "x"), "did you mean '--strict'"),
         (("track", "a.raw"), "--calibration calibration.json"),
         (("view",), "SOURCE"),
-        (("view", "a", "--export", "x.gif", "-o", "x.png"), "-o and --export write the same"),
+        (("view", "a", "--export", "x.gif", "-o", "x.png"), "--picture is for the page"),
         (("convert", "a", "b", "--crop", "1", "2"), "--crop"),
         (("plot", "udp:7777"), "is a live source; record it first"),
         (("plot", "a", "b"), "Unrecognized options: b"),

@@ -14,7 +14,7 @@ from stand_ins.tracks import circling_tracks
 
 CONFIG, CALIBRATION = st.load_config("fast"), known(GRID)
 LARGE = CALIBRATION.radius_px + 83.5
-EVENTS = r"it: spikingtac\.open_events\('a\.raw'\)"
+EVENTS = r"EventSource, given .*'a\.raw'.*; make one: spikingtac\.open_events"
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from spikingtac.atomic_files import whole_folder
-from spikingtac.errors import ConfigError, RecordingError, require_type
+from spikingtac.errors import ConfigError, require_type
 from spikingtac.events.recording import MANIFEST, RecordingWriter
 from spikingtac.sim.scene import LOADED, Scene
 from spikingtac.sim.source import SceneSource
@@ -41,7 +41,7 @@ def simulate(
 
     Raises:
         ConfigError: No scene, a seed or duration out of range, or a folder that holds files.
-        RecordingError: The folder cannot be written.
+        OSError: The folder cannot be written.
     """
     require_type(scene, Scene, LOADED)
     if seed < 0:
@@ -49,7 +49,13 @@ def simulate(
     low, high = LENGTH_S
     if duration_s is not None and not low <= duration_s <= high:
         raise ConfigError(f"duration_s is {duration_s:g}, valid are {low:g} to {high:g} s")
-    target = _prepared(Path(folder), overwrite)
+    target = Path(folder)
+    held = sorted(target.iterdir()) if target.exists() else []
+    if held and not overwrite:
+        raise ConfigError(
+            f"the folder {str(folder)!r} holds {held[0].name!r}; choose an empty or a new folder, "
+            "or give --overwrite to write into this one"
+        )
     source, events = SceneSource(scene, seed, duration_s), 0
     with (
         whole_folder(target, last=MANIFEST) as partial,
@@ -74,18 +80,3 @@ def simulate(
         "markers": len(source.reference_px),
         "scene_sha256": told["scene_sha256"],
     }
-
-
-def _prepared(folder: Path, overwrite: bool) -> Path:
-    try:
-        names = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
-    except OSError as error:
-        raise RecordingError(
-            f"cannot write the folder {str(folder)!r}: {error.strerror}"
-        ) from error
-    if names and not overwrite:
-        raise ConfigError(
-            f"the folder {str(folder)!r} holds {names[0]!r}; choose an empty or a new folder, or "
-            "give --overwrite to write into this one"
-        )
-    return folder

@@ -96,10 +96,8 @@ def _check_together(args: Args) -> None:
     from spikingtac.viewer.opening import is_scene
 
     args.refuse("is for scenes", "seed", "camera", where=not is_scene(args.source))
-    if args.export is not None:
-        args.refuse("is for the page, not for --export", "realtime", "calibrate")
-        if args.picture is not None:
-            raise ConfigError("-o and --export write the same; give one of them")
+    of_page = "realtime", "calibrate", "picture"
+    args.refuse("is for the page, not for --export", *of_page, where=args.export is not None)
     args.refuse("is not for --calibrate", "calibration", "force", where=args.calibrate)
     if args.realtime:
         require_live([args.source])
