@@ -121,24 +121,33 @@ def means_many(args: ManyArgs, given: Sequence[Path]) -> bool:
     return args.workers is not None or args.resume or is_many(given)
 
 
+def the_only_one(given: Sequence[Path], members: Sequence[str] = EVENT_MEMBERS) -> str:
+    """Return a hint for an error where what is given holds a single recording.
+
+    Raises:
+        ConfigError: It holds none.
+    """
+    found = find_recordings(given, members)
+    alone = len(found) == 1 and found[0] != given[0]
+    return f"; or name what {str(given[0])!r} holds: {str(found[0])!r}" if alone else ""
+
+
 def run_many(work: Work, args: Any, given: Sequence[Path]) -> int:
     """Work on many recordings and say what came out; 1 where one failed, 0 otherwise."""
     folder: Path | None = args.output
-    recordings = find_recordings(given, work.members, folder)
     if folder is None or (folder.suffix and not folder.is_dir()) or folder.is_file():
         named = "none is given" if folder is None else f"{str(folder)!r} is given"
-        alone = len(recordings) == 1 and recordings[0] != given[0]
         raise ConfigError(
             f"{work.verb} of many recordings writes into a folder, {named}; "
             "give its name without an ending: -o results"
-            + (f"; or name what {given[0]} holds: {recordings[0]}" if alone else "")
+            f"{the_only_one(given, work.members)}"
         )
     work.check(args)
     fixed = _absolute(args)
     batch = Batch(
         name=work.verb,
         work=partial(_row, work.one, work.row, fixed),
-        recordings=recordings,
+        recordings=find_recordings(given, work.members, folder),
         folder=folder,
         ending=work.endings[0],
         settings={

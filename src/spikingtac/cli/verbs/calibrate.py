@@ -15,7 +15,7 @@ from spikingtac.atomic_files import require_free, write_json
 from spikingtac.calibration.document import OWN
 from spikingtac.cli import messages
 from spikingtac.cli.messages import Advance, Table, figures, no_progress, progress, remark, tell
-from spikingtac.cli.recordings import ManyArgs, Work, means_many, run_many
+from spikingtac.cli.recordings import ManyArgs, Work, means_many, run_many, the_only_one
 from spikingtac.cli.sources import ending_on_interrupt, fitting
 from spikingtac.file_kinds import kind_of
 from spikingtac.markers.calibration.lattice import LayoutKind
@@ -91,11 +91,10 @@ def run(args: Args) -> int:
     if args.check is not None:
         return _check(args, args.check)
     if means_many(args, args.recordings):
-        if args.recordings and args.recordings[0].is_dir():
-            args.open(args.recordings[0])  # refuses a folder, and names what it holds
         raise st.ConfigError(
             "calibrate learns from one recording; to check many against a calibration: "
             "spikingtac calibrate --check calibration.json DAY -o DAY_checked"
+            f"{the_only_one(args.recordings)}"
         )
     recording = args.recordings[0]
     if kind_of(recording) == "calibration":

@@ -12,7 +12,7 @@ from spikingtac import events
 from spikingtac.batch.inputs import find_recordings
 from spikingtac.cli.messages import Advance, Table, counted, figures, progress, tell
 from spikingtac.cli.options import Output, WriteArgs
-from spikingtac.cli.recordings import ManyArgs, Work, means_many, run_many, run_one
+from spikingtac.cli.recordings import ManyArgs, Work, means_many, run_many, run_one, the_only_one
 from spikingtac.cli.sources import ending_on_interrupt
 from spikingtac.datasets.export import data_set, write_zarr
 from spikingtac.datasets.lerobot import write_lerobot
@@ -72,11 +72,10 @@ def run(args: Args) -> int:
         ending = "." + args.to.lower().removeprefix(".")
         return run_many(WORK._replace(endings=(ending,)), args, args.files)
     if len(args.files) != 2 or means_many(args, args.files[:1]):
-        if args.files and args.files[0].is_dir():
-            args.open(args.files[0])  # refuses a folder, and names what it holds
         raise st.ConfigError(
             "convert takes a file to read and a file to write; of many files, it takes "
             "all of them and the folder and format to write: -o FOLDER --to npz"
+            f"{the_only_one(args.files[:1])}"
         )
     return run_one(WORK, args, *args.files)
 
