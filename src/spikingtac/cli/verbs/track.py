@@ -60,8 +60,8 @@ class Args(ManyArgs, TrackerArgs, SecondArgs, RealtimeArgs):
 
 def run(args: Args) -> int:
     """Track, write, and say what came out."""
-    if args.realtime:
-        require_live([*args.recordings, *([args.second] if args.second else ())])
+    sources = [*args.recordings, *([args.second] if args.second else ())]
+    require_live(sources, where=args.realtime)
     return run_each(WORK, args, args.recordings, args.output or Path("tracks.npz"))
 
 

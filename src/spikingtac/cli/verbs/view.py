@@ -99,8 +99,7 @@ def _check_together(args: Args) -> None:
     of_page = "realtime", "calibrate", "picture"
     args.refuse("is for the page, not for --export", *of_page, where=args.export is not None)
     args.refuse("is not for --calibrate", "calibration", "force", where=args.calibrate)
-    if args.realtime:
-        require_live([args.source])
+    require_live([args.source], where=args.realtime)
 
 
 def _exported(opener: Opener, args: Args, target: Path) -> dict[str, Any]:
