@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from spikingtac.atomic_files import whole_folder
-from spikingtac.errors import ConfigError, require_type
+from spikingtac.errors import ConfigError
 from spikingtac.events.recording import MANIFEST, RecordingWriter
-from spikingtac.sim.scene import LOADED, Scene
+from spikingtac.sim.scene import Scene
 from spikingtac.sim.source import SceneSource
 
 LENGTH_S = (1e-3, 1e5)  # Valid lengths of a recording, s: up to a day.
@@ -43,19 +43,12 @@ def simulate(
         ConfigError: No scene, a seed or duration out of range, or a folder that holds files.
         OSError: The folder cannot be written.
     """
-    require_type(scene, Scene, LOADED)
     if seed < 0:
         raise ConfigError(f"seed is {seed}, it must not be negative")
     low, high = LENGTH_S
     if duration_s is not None and not low <= duration_s <= high:
         raise ConfigError(f"duration_s is {duration_s:g}, valid are {low:g} to {high:g} s")
-    target = Path(folder)
-    held = sorted(target.iterdir()) if target.exists() else []
-    if held and not overwrite:
-        raise ConfigError(
-            f"the folder {str(folder)!r} holds {held[0].name!r}; choose an empty or a new folder, "
-            "or give --overwrite to write into this one"
-        )
+    target = _prepared(Path(folder), overwrite)
     source, events = SceneSource(scene, seed, duration_s), 0
     with (
         whole_folder(target, last=MANIFEST) as partial,
@@ -80,3 +73,13 @@ def simulate(
         "markers": len(source.reference_px),
         "scene_sha256": told["scene_sha256"],
     }
+
+
+def _prepared(folder: Path, overwrite: bool) -> Path:
+    held = sorted(folder.iterdir()) if folder.exists() else []
+    if held and not overwrite:
+        raise ConfigError(
+            f"the folder {str(folder)!r} holds {held[0].name!r}; choose an empty or a new folder, "
+            "or give --overwrite to write into this one"
+        )
+    return folder
