@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.document import MAPS, MARKER_NUMBERS, MEASURED, OWN
 from spikingtac.calibration.lens import fit_lens
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import CalibrationError
+from spikingtac.errors import CalibrationError, require_type
 from spikingtac.events.source import EventSource, PacketSource, refuse_path
 from spikingtac.markers.calibration.find_markers import (
     CalibrationConfig,
@@ -78,6 +78,7 @@ def calibrate(
     """
     refuse_path(source)
     config = config or CalibrationConfig()
+    require_type(config, CalibrationConfig, "CalibrationConfig(grid=(8, 8))")
     events, hot_px = without_hot_pixels(buffer_events(source))
     view = survey(events, config)
     learned = fit_recording(view, config)
