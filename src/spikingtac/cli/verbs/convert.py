@@ -150,7 +150,8 @@ def _changed(
         span = f"begins at {first_us} us" if early else f"ends at {last_us or 0} us"
         begin, end = "its begin" if from_us is None else from_us, "end" if to_us is None else to_us
         raise st.RecordingError(
-            f"nothing is kept of {str(source.path)!r}: it {span}, asked was {begin} to {end}"
+            f"nothing is kept of {str(source.path)!r}: it {span}, asked was {begin} to {end}; "
+            "these are times of the file: see spikingtac info"
         )
 
 
