@@ -3,13 +3,13 @@
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from glob import escape
 from pathlib import Path
 from typing import IO, Any
 
-from spikingtac.errors import ConfigError
+from spikingtac.errors import ConfigError, nearest
 
 # What the name of an unfinished file holds, before the number of the process that writes it.
 PARTIAL = ".partial-"
@@ -137,23 +137,40 @@ def whole_folder(path: str | Path, last: str) -> Iterator[Path]:
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def require_free(path: str | Path, overwrite: bool) -> None:
-    """Refuse to replace an existing file without permission, before any work is done.
+def require_free(path: str | Path, overwrite: bool, endings: Sequence[str] = ()) -> None:
+    """Refuse a file that cannot or must not be written, before any work is done.
+
+    Args:
+        path: The file; a device or a pipe is taken as it is.
+        overwrite: Whether one that is there may be replaced.
+        endings: Valid endings of its name; any unless given.
 
     Raises:
-        ConfigError: The file is there and ``overwrite`` is not given, the path is a folder, or its
-            folder does not exist.
+        ConfigError: The file is there and ``overwrite`` is not given, the path is a folder, its
+            folder does not exist, or its ending is another.
+        OSError: It cannot be written.
     """
     target = Path(path)
     if target.is_dir():
         raise ConfigError(f"{str(path)!r} is a folder; give the name of a file")
     if not target.parent.is_dir():
-        raise ConfigError(f"the folder {str(target.parent)!r} does not exist; create it first")
+        why = "is a file" if target.parent.exists() else "does not exist; create it first"
+        raise ConfigError(f"the folder {str(target.parent)!r} {why}")
     if target.is_file() and not overwrite:
         raise ConfigError(
             f"{str(path)!r} is there already; "
             "choose another name, or give --overwrite to replace a file"
         )
+    file = WholeFile(target)
+    if file.partial == file.path:
+        return
+    if endings and target.suffix not in endings:
+        hint, valid = nearest(target.suffix, endings), ", ".join(endings)
+        raise ConfigError(f"cannot write {target.name!r}{hint} (valid endings: {valid})")
+    try:
+        file.abandon(file.open())
+    except OSError as error:  # it names the unfinished file, which nobody asked for
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def _sync(path: Path) -> None:

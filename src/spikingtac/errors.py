@@ -71,7 +71,7 @@ class SearchError(SpikingTacError):
 
 def nearest(name: str, valid: Iterable[str]) -> str:
     """Return ``"; did you mean 'x'?"`` for the closest valid name, or an empty string."""
-    names = list(valid)
+    names, name = list(valid), str(name)
     # A word of the same stem is meant rather than one of similar letters: tracking is track.
     stems = [known for known in names if len(known) >= SHORTEST_STEM and name.startswith(known)]
     close = sorted(stems, key=len)[-1:] or difflib.get_close_matches(name, names, n=1)
@@ -89,7 +89,7 @@ def named(table: Mapping[str, T], name: str, kind: str) -> T:
     Raises:
         ConfigError: There is no entry of that name; names the nearest one.
     """
-    if name not in table:
+    if name not in list(table):  # also a name that has no hash
         raise ConfigError(
             f"unknown {kind} {name!r}{nearest(name, table)} (valid: {', '.join(table)})"
         )

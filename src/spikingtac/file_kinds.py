@@ -55,7 +55,7 @@ TOLD = {
 
 def kind_of(path: str | Path) -> str | None:
     """Return a key of :data:`TOLD`, or None for anything else."""
-    file = Path(path)
+    file = Path(str(path))  # of anything: what is no path names no file
     if file.is_dir():
         return "recording" if (file / RECORDING_NAME).is_file() else None
     if not file.is_file():

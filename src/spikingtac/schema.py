@@ -126,6 +126,16 @@ def build(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
         raise ConfigError(f"{where}: {error}") from error
 
 
+def convert_fields(config: Any) -> None:
+    """Convert the fields of a new dataclass to their types, as :func:`build` does.
+
+    Raises:
+        ConfigError: A value does not fit; names the field and the nearest valid value.
+    """
+    for name, hint in typing.get_type_hints(type(config)).items():
+        object.__setattr__(config, name, _convert(hint, getattr(config, name), name))
+
+
 def require_within(config: Any, **limits: tuple[float, float]) -> None:
     """Check that fields of a configuration lie within limits; None is always valid.
 

@@ -254,6 +254,7 @@ def test_the_verb(tmp_path: Path, verbs: Verbs) -> None:
     assert "unloaded rests" in said
     assert "6 of 6 markers measured" in said
     assert "8x8 or 7x10" in verbs.said(*words, "--grid", "2*3", code=2)
+    assert "give --grid 2x3" in verbs.said(*words, "--grid", "1x7", code=1)
     too_many = verbs.said(*words, "--grid", "3x3", "--allow-missing", 0, code=1)
     assert "3 of 9 markers" in too_many
 

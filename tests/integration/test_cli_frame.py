@@ -148,8 +148,9 @@ def test_help_shows_no_none_and_verbs_that_write_take_overwrite(verb: str, verbs
         (("info", "--stricd", "x"), "did you mean '--strict'"),
         (("track", "a.raw"), "--calibration calibration.json"),
         (("view",), "SOURCE"),
-        (("view", "a", "--export", "x.gif", "-o", "x.png"), "-o and --export write the same"),
+        (("view", "a", "--export", "x.gif", "-o", "x.png"), "--picture is for the page"),
         (("convert", "a", "b", "--crop", "1", "2"), "--crop"),
+        (("plot", "udp:7777"), "is a live source; record it first"),
         (("plot", "a", "b"), "Unrecognized options: b"),
         (("track", "a", "--workers=1.5"), "--workers takes a whole number, '1.5' is none"),
         (("convert", "a", "b", "--size", "9x9"), "--size takes 2 whole numbers with blanks"),
@@ -161,6 +162,12 @@ def test_help_shows_no_none_and_verbs_that_write_take_overwrite(verb: str, verbs
         (("view", "demo", "--seed", "-1"), "--seed is -1, it must not be negative"),
         (("experiment", "holes", "-o", "run", "--seeds", "0"), "--seeds is 0, it must be above 0"),
         (("calibrate", "a", "--plot", "a.xyz"), "(valid endings: .png"),
+        (("calibrate", "a", "-o", "a.xyz"), "(valid endings: .json)"),
+        (("touch", "a", "-o", "a.parquet"), "(valid endings: .csv)"),
+        (("track", "a", "-o", "a.xyz"), "(valid endings: .npz, .csv, .parquet)"),
+        (("compare", "a", "b", "--table", "a.xlsx"), "(valid endings: .csv)"),
+        (("force", "fit", "a", "-o", "a.json"), "(valid endings: .onnx)"),
+        (("force", "apply", "a", "-o", "a.csv"), "(valid endings: .npz)"),
         (("experiment", "point-trackng", "-o", "run"), "did you mean 'point-tracking'"),
         (
             ("experiment", "point-tracking", "-o", "run", "--methods", "defualt"),
@@ -192,12 +199,13 @@ def test_what_is_typed_wrong_is_told_in_words(
         (("track", "circling", "--calibration", "wide.json"), "the calibration is for 640x480"),
         (("compare", "tracks.npz", "finger.json"), "neither tracks nor a truth: it is a calib"),
         (("compare", "tracks.npz", "nowhere.npz"), "No such file"),
-        (("compare", "tracks.csv", "truth.npz"), "no tracks: it is a table; tracks are"),
+        (("compare", "tracks.csv", "tracks.npz"), "no tracks: it is a table; tracks are"),
         (("plot", "tracks.csv"), "no events: it is a table; tracks are read as .npz,"),
         (("plot", "tracks.parquet"), "no events: it is a table; tracks are read as .npz,"),
         (("touch", "nowhere.npz"), "there is no file"),
         (("info", "touches.csv"), "no events: it is a list of touches"),
         (("ros2", "nowhere.raw"), "there is no file"),
+        (("view", "demmo"), "no file or folder 'demmo', and no scene of that name; did you mean"),
     ],
 )
 def test_what_a_file_is_instead_is_told(
@@ -217,6 +225,8 @@ def test_what_is_no_recording_is_not_blamed_for_a_missing_calibration(
     (tmp_path / "noise.raw").write_bytes(np.random.default_rng(0).bytes(30_000))
     for path in tmp_path.iterdir():
         assert "calibration" not in verbs.said("view", path, "--headless", code=1)
+    for words in (("touch", tmp_path), ("calibrate", tmp_path), ("convert", tmp_path, "b.npz")):
+        assert f"holds: {str(tmp_path / 'noise.raw')!r}" in verbs.said(*words, code=2)
 
 
 def test_nothing_tracked_is_told(made: Path, tmp_path: Path, verbs: Verbs) -> None:
@@ -253,7 +263,8 @@ def test_a_file_is_replaced_only_when_asked(
     verb: str, made: Path, tmp_path: Path, verbs: Verbs
 ) -> None:
     fails = verb == "calibrate"  # without events: what was there stays
-    output, recording = tmp_path / "out.npz", made / ("zero.npz" if fails else "circling")
+    output = tmp_path / ("out.json" if fails else "out.npz")
+    recording = made / ("zero.npz" if fails else "circling")
     output.write_bytes(b"mine")
     given = [verb, recording, *(() if verb == "convert" else ("-o",)), output]
     given += ["--calibration", made / "finger.json"] if verb == "track" else []

@@ -53,8 +53,6 @@ def test_compare_gives_the_error_between_tracks_and_to_a_truth(folder: Path, ver
         assert verbs.told("compare", "one.npz", truth)["error_mean_px"] < 1e-3
         assert ("of another recording" in verbs.err) == (content == b"another")
     assert "difference mean " in verbs.said("compare", "one.npz", "other.npz")
-    xlsx = "compare", "one.npz", "other.npz", "--table", "t.xlsx"
-    assert "is written as .csv" in verbs.said(*xlsx, code=2)
 
 
 LENGTHS = (500, 301)

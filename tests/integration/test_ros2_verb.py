@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spikingtac.ros2.messages import type_store
 from spikingtac.ros2.stream import FIELD
 from stand_ins import ros2_subscriber
 from stand_ins.tracks import circling_tracks
@@ -143,10 +144,16 @@ def test_mistakes_are_told(
     saved: dict[int, Path], option: str, value: str, code: int, told: str, verbs: Verbs
 ) -> None:
     assert told in verbs.said("ros2", saved[FRAMES], option, value, code=code)
+    assert "Ctrl-C ends" not in verbs.err
 
 
+@pytest.mark.parametrize(
+    ("verb", "missing"), [("ros2", "cyclonedds"), ("foxglove", "rosbags.typesys")]
+)
 def test_the_extra_is_named_where_it_is_missing(
-    saved: dict[int, Path], monkeypatch: pytest.MonkeyPatch, verbs: Verbs
+    verb: str, missing: str, saved: dict[int, Path], monkeypatch: pytest.MonkeyPatch, verbs: Verbs
 ) -> None:
-    monkeypatch.setitem(sys.modules, "cyclonedds", None)
-    assert "spikingtac[ros2]" in verbs.said("ros2", saved[FRAMES], code=3)
+    type_store.cache_clear()
+    monkeypatch.setitem(sys.modules, missing, None)
+    assert f"spikingtac[{verb}]" in verbs.said(verb, saved[FRAMES], code=3)
+    assert "Ctrl-C ends" not in verbs.err

@@ -103,9 +103,8 @@ def test_a_foreign_folder_is_left_alone(scene, folder, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
     simulate(scene, tmp_path, seed=4, overwrite=True)
     assert kept.exists()
-    before = contents(folder)
-    simulate(scene, folder, seed=4)
-    assert contents(folder) == before
+    with pytest.raises(ConfigError, match=r"holds 'events.raw'.*--overwrite"):
+        simulate(scene, folder, seed=4)
 
 
 def test_what_is_cut_short_leaves_no_half_recording(scene, tmp_path):

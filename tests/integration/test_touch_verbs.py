@@ -89,7 +89,7 @@ def test_forces_are_added_to_tracks(tmp_path: Path, verbs: Verbs) -> None:
         np.savez(tmp_path / "s.npz", **{**before, "t_us": before["t_us"] / 1e6})
         np.savez(tmp_path / "w.npz", **{**before, "displacement_mm": 5 * before["displacement_mm"]})
     line[2] = tmp_path / "s.npz"
-    assert "whole microseconds" in verbs.said(*line, "-o", tmp_path / "x", code=1)
+    assert "whole microseconds" in verbs.said(*line, "-o", tmp_path / "x.npz", code=1)
     line[2] = tmp_path / "w.npz"
     assert verbs.told(*line, "-o", tmp_path / "x.npz")["beyond_learned"] > 0.3
     verbs.said(*line, "-o", out, code=2)

@@ -137,5 +137,9 @@ def test_replacing_must_be_asked_for(tmp_path: Path) -> None:
     require_free(tmp_path / "a.csv", overwrite=True)
     with pytest.raises(ConfigError, match="is a folder"):
         require_free(tmp_path, overwrite=True)
-    with pytest.raises(ConfigError, match="does not exist"):
-        require_free(tmp_path / "b" / "a.csv", overwrite=True)
+    for folder, why in (("b", "does not exist"), ("a.csv", "is a file")):
+        with pytest.raises(ConfigError, match=why):
+            require_free(tmp_path / folder / "a.csv", overwrite=True)
+    with pytest.raises(OSError, match=r"'/proc/a.csv'"):  # no name of an unfinished file
+        require_free("/proc/a.csv", overwrite=True)
+    assert listed(tmp_path) == ["a.csv"]

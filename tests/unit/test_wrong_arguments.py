@@ -12,9 +12,10 @@ from stand_ins.known import known
 from stand_ins.moving_rims import GRID
 from stand_ins.tracks import circling_tracks
 
+TRACKS = circling_tracks(estimates=2)
 CONFIG, CALIBRATION = st.load_config("fast"), known(GRID)
 LARGE = CALIBRATION.radius_px + 83.5
-EVENTS = r"it: spikingtac\.open_events\('a\.raw'\)"
+EVENTS = r"EventSource, given .*'a\.raw'.*; make one: spikingtac\.open_events"
 
 
 @pytest.mark.parametrize(
@@ -33,10 +34,26 @@ EVENTS = r"it: spikingtac\.open_events\('a\.raw'\)"
             lambda: st.make_tracker(CONFIG.tracking, replace(CALIBRATION, radius_px=LARGE)),
             "radius is 90.5 px; discs of at most 90 px",
         ),
+        (lambda: st.CalibrationConfig(method="bounding_box"), "did you mean 'bounding-box'"),
+        (lambda: st.CalibrationConfig(layout="hexagonal"), "layout: 'hexagonal' is not valid"),
+        (lambda: st.CalibrationConfig(polarity="whte"), "did you mean 'white'.*valid: auto, white"),
+        (lambda: st.Calibration.load(3), "cannot read the calibration '3'"),  # type: ignore[arg-type]
+        (lambda: st.load_force(3), "cannot read '3'"),  # type: ignore[arg-type]
+        (lambda: st.CalibrationConfig(grid="8x8"), "grid: expected a list, got '8x8'"),
+        (lambda: st.CalibrationConfig(grid=(8, 8, 8)), "grid: expected 2 values, got 3"),
+        (lambda: st.CalibrationConfig(pitch_mm="2.4"), "pitch_mm: expected float, got '2.4'"),
         (lambda: st.simulate("demo", "out"), r"Scene, given 'demo'; .*load_scene\('demo'\)"),
         (lambda: st.plot_tracks("a.npz"), r"Tracks, given 'a\.npz'; .*Tracks\.load"),
         (lambda: st.compare_tracks(circling_tracks(), "a.npz"), r"Tracks, given 'a\.npz'"),
         (lambda: st.compare_with_truth("a.npz", [], []), r"Tracks, given 'a\.npz'"),
+        (lambda: st.compare_with_truth(TRACKS, [0, 1], [[1.0, 2.0]]), r"are \(1, 2\), needed are"),
+        (lambda: st.make_detector("default", CONFIG, [], []), "DetectionConfig, given Config;"),  # type: ignore[arg-type]
+        (lambda: st.make_detector("default", CONFIG.contact, CALIBRATION, []), "in a list"),  # type: ignore[arg-type]
+        (lambda: st.make_detector(None, CONFIG.contact, [], []), "contact detector None"),  # type: ignore[arg-type]
+        (lambda: list(st.follow([], "default", 9.0)), "MarkerTracker, given 'default'"),  # type: ignore[arg-type]
+        (lambda: st.calibrate([], (8, 8)), "CalibrationConfig, given tuple"),  # type: ignore[arg-type]
+        (lambda: st.Tracks.load(None), "'None' holds no tracks: No such file"),  # type: ignore[arg-type]
+        (lambda: st.open_arm(None), "no arm None"),  # type: ignore[arg-type]
         (lambda: st.calibrate(Path("a.raw")), EVENTS),
         (lambda: list(st.windows("a.raw", 1_000)), EVENTS),
         (lambda: list(st.windows([1], 1_000)), r"EventPacket, given int"),  # type: ignore[list-item]

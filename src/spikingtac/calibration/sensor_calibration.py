@@ -162,7 +162,7 @@ class Calibration:
             CalibrationError: The file is missing, is no JSON, or a key is missing or unfit.
         """
         try:
-            document = json.loads(Path(path).read_text(encoding="utf-8"))
+            document = json.loads(Path(str(path)).read_text(encoding="utf-8"))
         except OSError as error:
             raise CalibrationError(
                 f"cannot read the calibration {str(path)!r}: {error.strerror}; {MAKE_ONE}"

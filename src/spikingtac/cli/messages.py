@@ -88,8 +88,8 @@ def _print(given: Table) -> None:
     # A pipe has no width: what reads it gets each row on one line.
     console = Console(highlight=False, width=None if sys.stdout.isatty() else PIPE_COLUMNS)
     # The title stands above the table: a narrow table would break it.
-    console.print(Text(given.title, style="table.title"))
-    console.print(grid)
+    title = Text(given.title, style="table.title")
+    console.print(title, *([grid] if grid.columns else []))
 
 
 def remark(text: str) -> None:

@@ -68,21 +68,25 @@ class WriteArgs(JsonArgs):
 
     overwrite: bool = False
 
-    def claim(self, *paths: Path | None) -> None:
+    def claim(self, *paths: Path | None, endings: Sequence[str] = ()) -> None:
         """Refuse files to write that are there already, before anything is computed.
 
+        Args:
+            *paths: The files.
+            endings: Valid endings of their names; any unless given.
+
         Raises:
-            ConfigError: One is there and --overwrite is not given, its folder is not, or it is
-                among what is read.
+            ConfigError: One is there and --overwrite is not given, its folder is not, its ending is
+                another, or it is among what is read.
         """
         given = [one if isinstance(one, tuple) else (one,) for one in vars(self).values()]
         named = [one for several in given for one in several if isinstance(one, Path)]
         for path in filter(None, paths):
-            require_free(path, self.overwrite)
             others = [one for one in named if one is not path]
             read = [*others, *(one / RECORDING_NAME for one in others)]
             if path.exists() and any(one.exists() and path.samefile(one) for one in read):
                 raise ConfigError(f"{str(path)!r} is the input itself; give another name")
+            require_free(path, self.overwrite, endings)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -59,7 +59,7 @@ class Work(NamedTuple):
         row: Takes a document; returns the figures of its row in the table of many.
         shown: Takes a document, the recording's name and the first finger's document; returns what
             a reader sees.
-        ending: Ending of the outputs of many.
+        endings: Valid endings of the output, any where there are none; many get the first.
         check: Takes the arguments; refuses what is wrong for all of many.
         members: Arrays that tell a recording from other archives.
     """
@@ -68,7 +68,7 @@ class Work(NamedTuple):
     one: Callable[[Any, Any, Any, Advance], dict[str, Any]]
     row: Callable[[dict[str, Any]], Mapping[str, Any]]
     shown: Callable[[dict[str, Any], str, dict[str, Any]], Iterable[Table | str]]
-    ending: str
+    endings: Sequence[str]
     check: Callable[[Any], object] = lambda args: None
     members: Sequence[str] = EVENT_MEMBERS
 
@@ -77,21 +77,21 @@ def run_each(work: Work, args: Any, given: Sequence[Path], output: Path | None) 
     """Work on what is given: one recording, two fingers, or many."""
     many = means_many(args, given)
     if args.second is not None:
-        return _run_two(work, args, given[0], output, many)
+        return _run_two(work, args, given, output, many)
     args.refuse("is for the other finger: --second RECORDING", "second_calibration")
     return run_many(work, args, given) if many else run_one(work, args, given[0], output)
 
 
 def run_one(work: Work, args: Any, recording: Path, output: Path | None) -> int:
     """Work on one recording and say what came out."""
-    args.claim(output)
+    args.claim(output, endings=work.endings)
     with progress(f"{work.verb} {recording.name}") as advance:
         found = work.one(args, recording, output, advance)
     written = [f"written: {output}"] if output else []
     return tell(args.json, found, *work.shown(found, recording.name, found), *written)
 
 
-def _run_two(work: Work, args: Any, first: Path, output: Path | None, many: bool) -> int:
+def _run_two(work: Work, args: Any, given: Sequence[Path], output: Path | None, many: bool) -> int:
     """Work on two fingers, on the first one's clock."""
     if many:
         raise ConfigError("--second is the other finger of one recording; give a single one")
@@ -100,10 +100,10 @@ def _run_two(work: Work, args: Any, first: Path, output: Path | None, many: bool
             "two fingers need a calibration each: --calibration and --second-calibration"
         )
     args.refuse("is for one finger", "sensor")
-    fingers = args, replace(args, calibration=args.second_calibration)
+    first, fingers = given[0], (args, replace(args, calibration=args.second_calibration))
     second = None if output is None else output.with_name(name_of(output.name, 1))
     outputs = [path for path in (output, second) if path]
-    args.claim(*outputs)
+    args.claim(*outputs, endings=work.endings)
 
     def one(number: int, source: st.EventSource) -> dict[str, Any]:
         return work.one(fingers[number], source, outputs[number] if outputs else None, no_progress)
@@ -117,14 +117,19 @@ def _run_two(work: Work, args: Any, first: Path, output: Path | None, many: bool
 
 
 def means_many(args: ManyArgs, given: Sequence[Path]) -> bool:
-    """Return whether a verb shall work on many recordings, into a folder.
+    """Return whether a verb shall work on many recordings, into a folder."""
+    return args.workers is not None or args.resume or is_many(given)
+
+
+def the_only_one(given: Sequence[Path], members: Sequence[str] = EVENT_MEMBERS) -> str:
+    """Return a hint for an error where what is given holds a single recording.
 
     Raises:
-        ConfigError: Nothing is given.
+        ConfigError: It holds none.
     """
-    if not given:
-        raise ConfigError("name a recording, several, a folder of them, or a pattern in quotes")
-    return args.workers is not None or args.resume or is_many(given)
+    found = find_recordings(given, members)
+    alone = len(found) == 1 and found[0] != given[0]
+    return f"; or name what {str(given[0])!r} holds: {str(found[0])!r}" if alone else ""
 
 
 def run_many(work: Work, args: Any, given: Sequence[Path]) -> int:
@@ -135,6 +140,7 @@ def run_many(work: Work, args: Any, given: Sequence[Path]) -> int:
         raise ConfigError(
             f"{work.verb} of many recordings writes into a folder, {named}; "
             "give its name without an ending: -o results"
+            f"{the_only_one(given, work.members)}"
         )
     work.check(args)
     fixed = _absolute(args)
@@ -143,7 +149,7 @@ def run_many(work: Work, args: Any, given: Sequence[Path]) -> int:
         work=partial(_row, work.one, work.row, fixed),
         recordings=find_recordings(given, work.members, folder),
         folder=folder,
-        ending=work.ending,
+        ending=work.endings[0],
         settings={
             name: str(value) if isinstance(value, Path) else value
             for name, value in vars(fixed).items()

@@ -70,14 +70,18 @@ def _on_signal(number: signal.Signals, handler: Any) -> Iterator[None]:
         signal.signal(number, before)
 
 
-def require_live(sources: Iterable[Path | str]) -> None:
+def require_live(sources: Iterable[Path | str], *, where: bool) -> None:
     """Refuse ``--realtime`` for what has no deadline: a recording would take a core for itself.
+
+    Args:
+        sources: What is read.
+        where: Whether it is given.
 
     Raises:
         ConfigError: A source is a recording.
     """
     for source in sources:
-        if not is_stream(Path(source)):
+        if where and not is_stream(Path(source)):
             raise ConfigError(
                 f"{str(source)!r} is a recording and has no deadlines; --realtime is for cameras "
                 "(an address, a named pipe, or -), leave it out"

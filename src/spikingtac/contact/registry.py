@@ -26,7 +26,8 @@ from spikingtac.contact.detector import (
     unsettled,
 )
 from spikingtac.contact.sequential_detector import SequentialMotionDetector
-from spikingtac.errors import ConfigError, named
+from spikingtac.errors import ConfigError, named, require_type
+from spikingtac.events.source import refuse_path
 from spikingtac.types import US_PER_S, Contact
 
 # First windows of a stream, which are taken for quiet: 0.3 s, as every scene of the twin begins.
@@ -207,4 +208,7 @@ def make_detector(
         ConfigError: The name is unknown, or the detector's package cannot be loaded.
         CalibrationError: The quiet windows are too few, or a calibration is missing.
     """
+    require_type(config, DetectionConfig, "load_config('default').contact")
+    require_type(calibrations, Sequence, "Calibration.load('a.json'), in a list")
+    refuse_path(quiet)
     return named(detectors(), name, "contact detector")(config, calibrations, quiet)

@@ -11,7 +11,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.errors import ConfigError, require_type
+from spikingtac.errors import require_type
 from spikingtac.types import US_PER_S, EventPacket, LossCounters, SourceHealth
 
 
@@ -56,12 +56,7 @@ def refuse_path(given: object) -> None:
     Raises:
         ConfigError: It is a path, an array or a single value; says how to open a file.
     """
-    if isinstance(given, str | os.PathLike):
-        path = os.fspath(given)
-        raise ConfigError(
-            f"{path!r} is a path, not a source of events; open it: spikingtac.open_events({path!r})"
-        )
-    if isinstance(given, np.ndarray) or not isinstance(given, Iterable):
+    if isinstance(given, str | os.PathLike | np.ndarray) or not isinstance(given, Iterable):
         require_type(given, EventSource, OPENED)
 
 

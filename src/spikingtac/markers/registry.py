@@ -4,7 +4,7 @@ from __future__ import annotations  # the names of types stay short in the refer
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol, get_args
+from typing import Any, Protocol, get_args, runtime_checkable
 
 from spikingtac import plugins
 from spikingtac.calibration.sensor_calibration import Calibration
@@ -16,6 +16,7 @@ from spikingtac.markers.paper import BlobTracker, BlobTrackerConfig
 from spikingtac.types import EventPacket, LawName, MarkerFrame
 
 
+@runtime_checkable
 class MarkerTracker(Protocol):
     """Follows the markers of one sensor; free of input and output.
 

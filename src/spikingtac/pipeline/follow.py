@@ -13,7 +13,7 @@ from numbers import Real
 from typing import Any
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import CalibrationError, ConfigError
+from spikingtac.errors import CalibrationError, ConfigError, require_type
 from spikingtac.events.source import EventSource, HealthMeter, refuse_path
 from spikingtac.events.windows import stretches
 from spikingtac.markers.calibration_check import CalibrationCheck
@@ -50,6 +50,7 @@ def follow(
         ConfigError: The rate is not between 0 and 1 MHz, or a path is given instead of packets.
     """
     refuse_path(packets)
+    require_type(tracker, MarkerTracker, "make_tracker(config, calibration)")
     check_rate(rate_hz)
     counted: MutableMapping[str, int] = getattr(packets, "losses", {}) if losses is None else losses
     meter = HealthMeter(counted)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from spikingtac.atomic_files import replacing, require_free
-from spikingtac.errors import ConfigError, named, nearest
+from spikingtac.errors import named
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -102,8 +102,8 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     Raises:
         ConfigError: The ending is none of these, or the folder does not exist.
     """
-    target = check_target(path)
-    with replacing(target) as partial:
+    require_free(path, True, PICTURE_ENDINGS)
+    with replacing(path) as partial:
         figure.savefig(partial, facecolor=figure.get_facecolor(), dpi=DPI)
 
 
@@ -112,22 +112,6 @@ def save_gif(pictures: Sequence[Image], frame_ms: int, path: Path) -> None:
     first, *rest = pictures
     look: dict[str, Any] = {"save_all": True, "append_images": rest, "loop": 0, "optimize": True}
     first.save(path, "GIF", duration=frame_ms, **look)
-
-
-def check_target(
-    path: str | Path, endings: Sequence[str] = PICTURE_ENDINGS, overwrite: bool = True
-) -> Path:
-    """Return a path that a picture can be written to, before anything is computed.
-
-    Raises:
-        ConfigError: The ending is another, the folder does not exist, or something is there.
-    """
-    target = Path(path)
-    if target.suffix not in endings:
-        hint, valid = nearest(target.suffix, endings), ", ".join(endings)
-        raise ConfigError(f"cannot write {target.name!r}{hint} (valid endings: {valid})")
-    require_free(target, overwrite)
-    return target
 
 
 def legend_above(axes: Axes, theme: Theme) -> None:

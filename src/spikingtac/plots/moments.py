@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.atomic_files import replacing
+from spikingtac.atomic_files import replacing, require_free
 from spikingtac.errors import ConfigError
-from spikingtac.plots.figure import THEMES, check_target, new_figure, save_gif, style_axes
+from spikingtac.plots.figure import THEMES, new_figure, save_gif, style_axes
 from spikingtac.plots.tracks import draw_course, draw_field, require_estimates, turn_arrows, view_px
 from spikingtac.tracks import Tracks
 from spikingtac.types import US_PER_S
@@ -192,11 +192,11 @@ def save_animation(
     Raises:
         ConfigError: A name, the ending or the stretch makes no sense, or nothing was tracked.
     """
-    target = check_target(path, (".gif",))
+    require_free(path, True, (".gif",))
     require_estimates(tracks)
     rows = _rows(tracks, stretch_s, slow)
     pictures = _pictures(tracks, rows, theme, width)
-    with replacing(target) as partial:
+    with replacing(path) as partial:
         save_gif(pictures, FRAME_MS, partial)
     return len(rows)
 

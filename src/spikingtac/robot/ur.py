@@ -246,7 +246,7 @@ def open_arm(address: str) -> Arm:
         MissingExtraError: The arm's library is not installed.
         DeviceError: The controller does not answer, or refuses.
     """
-    kind, colon, rest = address.partition(":")
+    kind, colon, rest = str(address).partition(":")
     if not address or (kind == "twin" and (rest or not colon)):
         raise ConfigError(f"no arm {address!r} (valid: twin:, or the address of a UR arm)")
     if kind == "twin":  # loaded by name: the twin is built on this room

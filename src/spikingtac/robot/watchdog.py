@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from spikingtac.errors import DeviceError
+from spikingtac.errors import ConfigError, DeviceError
 
 
 class Health(enum.Enum):
@@ -73,7 +73,7 @@ class Watchdog:
         backlog_s: float = BACKLOG_S,
     ) -> None:
         if not (stale_s > 0.0 and backlog_s > 0.0):
-            raise ValueError("stale_s and backlog_s must be positive")
+            raise ConfigError("stale_s and backlog_s must be positive")
         self._stale_s, self.backlog_s = stale_s, backlog_s
         self._clock_s, self._on_trip = clock_s, on_trip
         self._stop, self._confirm = stop, confirm

@@ -79,7 +79,7 @@ def type_store() -> Any:
     Raises:
         MissingExtraError: rosbags is not installed.
     """
-    typesys = import_extra("rosbags.typesys", "ROS 2", "ros2")
+    typesys = import_extra("rosbags.typesys", "a message of ROS 2", "foxglove")
     store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
     store.register(typesys.get_types_from_msg(EVENT_PACKET, "event_camera_msgs/msg/EventPacket"))
     return store

@@ -1,6 +1,5 @@
 """Render a scene into a recording folder with events, truth and manifest."""
 
-import contextlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from spikingtac.atomic_files import whole_folder
-from spikingtac.errors import ConfigError, RecordingError, require_type
-from spikingtac.events.recording import MANIFEST, Recording, RecordingWriter
-from spikingtac.sim.scene import LOADED, Scene
-from spikingtac.sim.source import SOURCE, SceneSource
+from spikingtac.errors import ConfigError
+from spikingtac.events.recording import MANIFEST, RecordingWriter
+from spikingtac.sim.scene import Scene
+from spikingtac.sim.source import SceneSource
 
 LENGTH_S = (1e-3, 1e5)  # Valid lengths of a recording, s: up to a day.
 
@@ -34,17 +33,16 @@ def simulate(
         folder: Folder to write: ``events.raw`` (EVT3), ``truth.npz``, ``manifest.json``.
         seed: Seed of the variations and of the camera's noise.
         duration_s: Length, s; None is the scene's own length.
-        overwrite: Write also into a folder that holds other files than those of a simulation.
+        overwrite: Write also into a folder that holds files; those of a recording are replaced.
         advance: Receives the completed fraction, 0 to 1.
 
     Returns:
         Folder, duration, numbers of events and markers, and the digest of the scene.
 
     Raises:
-        ConfigError: No scene, a seed or duration out of range, or a folder with other files.
-        RecordingError: The folder cannot be written.
+        ConfigError: No scene, a seed or duration out of range, or a folder that holds files.
+        OSError: The folder cannot be written.
     """
-    require_type(scene, Scene, LOADED)
     if seed < 0:
         raise ConfigError(f"seed is {seed}, it must not be negative")
     low, high = LENGTH_S
@@ -78,18 +76,10 @@ def simulate(
 
 
 def _prepared(folder: Path, overwrite: bool) -> Path:
-    try:
-        names = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
-    except OSError as error:
-        raise RecordingError(
-            f"cannot write the folder {str(folder)!r}: {error.strerror}"
-        ) from error
-    manifest: dict[str, Any] = {}
-    with contextlib.suppress(RecordingError):
-        manifest = Recording.open(folder).manifest
-    if names and not overwrite and manifest.get("source") != SOURCE:
+    held = sorted(folder.iterdir()) if folder.exists() else []
+    if held and not overwrite:
         raise ConfigError(
-            f"the folder {str(folder)!r} holds {names[0]!r} and is not the folder of a simulation; "
-            "choose an empty or a new folder, or give --overwrite to write into this one"
+            f"the folder {str(folder)!r} holds {held[0].name!r}; choose an empty or a new folder, "
+            "or give --overwrite to write into this one"
         )
     return folder

@@ -46,8 +46,6 @@ def prefetch(items: Iterable[T], depth: int) -> Generator[T, None, None]:
         worker.shutdown(cancel_futures=True)
 
 
-SOURCE = "twin"  # Entry ``source`` in the manifest of a simulation.
-
 # Longest time between two rows of the truth, us. The camera interpolates the images linearly
 # between the gel's steps. Rows fall on those steps and between them, so that linear interpolation
 # of the truth is exact.
@@ -204,7 +202,7 @@ class SceneSource:
         """Return what a manifest says of a simulation; it holds neither date nor machine."""
         camera = self.scene.camera.resolve()
         return {
-            "source": SOURCE,
+            "source": "twin",
             "grid": list(self.scene.skin.grid),
             "seed": self.seed,
             "contrast": camera.light.contrast,

@@ -106,11 +106,12 @@ def compare_with_truth(one: Tracks, t_us: NDArray[Any], position_px: NDArray[Any
 def _compared(
     one: Tracks, own_px: NDArray[Any], t_us: NDArray[Any], position_px: NDArray[Any]
 ) -> Comparison:
-    markers = own_px.shape[1]
-    if position_px.shape[1] != markers:
+    t_us, position_px = np.asarray(t_us), np.asarray(position_px)
+    needed = t_us.size, own_px.shape[1], 2
+    if t_us.ndim != 1 or position_px.shape != needed:
         raise ConfigError(
-            f"the one has {markers} markers, the other {position_px.shape[1]}; compare tracks of "
-            "the same sensor"
+            f"the other's positions are {position_px.shape}, needed are {needed}: times, markers, "
+            "x and y; compare tracks of the same sensor"
         )
     for row, marker, _ in np.argwhere(~np.isfinite(position_px))[:1].tolist():
         raise ConfigError(
@@ -123,7 +124,7 @@ def _compared(
     at_us = one.t_us[common]
     columns = position_px.reshape(len(t_us), -1).T
     expected = np.stack([np.interp(at_us, t_us, column) for column in columns], axis=1)
-    expected = expected.reshape(len(at_us), markers, 2)
+    expected = expected.reshape(len(at_us), *needed[1:])
     own, scale = own_px[common], one.skin_scale
     return Comparison(
         t_us=at_us,

@@ -12,8 +12,8 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.atomic_files import WholeFile, write_text
-from spikingtac.errors import ConfigError, import_extra
+from spikingtac.atomic_files import WholeFile, require_free, write_text
+from spikingtac.errors import import_extra
 from spikingtac.events.formats.array_file import ColumnFile, Specs
 from spikingtac.events.formats.codec import TRIGGERS
 from spikingtac.types import FloatArray, MarkerFrame
@@ -266,8 +266,5 @@ def create_tracks(path: str | Path, reference_px: FloatArray) -> TracksWriter:
         MissingExtraError: ``.parquet`` needs the extra ``[parquet]``.
     """
     target = Path(path)
-    if not target.parent.is_dir():
-        raise ConfigError(f"the folder {str(target.parent)!r} does not exist; create it first")
-    if target.suffix not in FORMS:
-        raise ConfigError(f"tracks are written as .npz, .csv or .parquet, not as {target.name!r}")
+    require_free(target, True, tuple(FORMS))
     return TracksWriter(FORMS[target.suffix](target, reference_px), len(reference_px))

@@ -125,7 +125,7 @@ class Tracks:
             RecordingError: The file cannot be read or holds no tracks.
         """
         try:
-            values: dict[str, Any] = load_arrays(path, "tracks")
+            values: dict[str, Any] = load_arrays(str(path), "tracks")
             meta = json.loads(str(values.pop("meta")))
             if not isinstance(meta, dict):
                 raise ValueError("meta is no JSON object")

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spikingtac.atomic_files import replacing
+from spikingtac.atomic_files import replacing, require_free
 from spikingtac.errors import ConfigError, SpikingTacError, import_extra
-from spikingtac.plots.figure import PICTURE_ENDINGS, check_target, save_gif
+from spikingtac.plots.figure import PICTURE_ENDINGS, save_gif
 from spikingtac.plots.moments import DPI, PANEL, SensorDrawing
 from spikingtac.ros2.messages import NS_PER_US, definition, encode, header, ros_type
 from spikingtac.ros2.stream import SensorInfo, SensorStream
@@ -102,7 +102,8 @@ def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) 
             no length was given, or nothing was tracked.
         MissingExtraError: The format needs an extra.
     """
-    target = check_target(path, ENDINGS)
+    target = Path(path)
+    require_free(target, True, ENDINGS)
     with replacing(target) as partial:
         if target.suffix in PICTURE_ENDINGS:
             summarize(view, seconds=seconds, picture=partial)

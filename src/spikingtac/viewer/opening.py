@@ -11,14 +11,15 @@ from spikingtac.calibration.document import CALIBRATION_SCHEMA
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.config import load_config
 from spikingtac.contact.registry import SelfCalibratingDetector
-from spikingtac.errors import CalibrationError, RecordingError
+from spikingtac.errors import CalibrationError, RecordingError, nearest
 from spikingtac.events.camera import Address, is_address, is_stream
 from spikingtac.events.formats.array_file import load_truth
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import MANIFEST, TRUTH, read_manifest
 from spikingtac.markers.registry import make_tracker
 from spikingtac.pipeline.track import require_same_size
-from spikingtac.sim.twin_camera import RemoteSource, is_twin, twin_options
+from spikingtac.sim import catalog
+from spikingtac.sim.twin_camera import RemoteSource, is_twin, truthful_packets, twin_options
 from spikingtac.stream.reader import open_live
 from spikingtac.touch.force.model import load_force
 from spikingtac.viewer.calibrating import CalibrationDesk, NothingToTune, SaveTarget
@@ -121,10 +122,10 @@ def _events(
         label = source if is_address(source) else path.resolve().name
         return {"label": label, "source": open_live(source), "ends": False}
     if is_scene(source):
-        if path.suffix != ".toml" and (path.suffix or len(path.parts) > 1):
+        if path.suffix != ".toml" and source not in (scenes := catalog.scene_names()):
             raise RecordingError(
-                f"there is no file or folder {source!r}; a scene is named without an ending "
-                "(spikingtac simulate --list)"
+                f"there is no file or folder {source!r}, and no scene of that name"
+                f"{nearest(source, scenes)} (spikingtac simulate --list)"
             )
         return _scene(source, seed, camera)
     return _recording(path, own)
@@ -159,9 +160,7 @@ def _recording(path: Path, own: bool) -> Fields:
 
 
 def _scene(name: str, seed: int, camera: str | None) -> Fields:
-    from spikingtac.sim import catalog
     from spikingtac.sim.source import SceneSource
-    from spikingtac.sim.twin_camera import truthful_packets
 
     scene = catalog.load_scene(name).with_camera(camera)
     at_rest, truth = SceneSource(scene, seed), SampledTruth()

@@ -64,7 +64,7 @@ def test_what_holds_no_tracks_and_cannot_be_written_is_refused(tmp_path: Path) -
     for name in ("x.npz", "missing.npz"):
         with pytest.raises(RecordingError, match="holds no tracks"):
             Tracks.load(tmp_path / name)
-    with pytest.raises(ConfigError, match=r"\.npz, \.csv or \.parquet"):
+    with pytest.raises(ConfigError, match=r"valid endings: \.npz, \.csv, \.parquet"):
         create_tracks(tmp_path / "t.mat", REFERENCE_PX)
     with pytest.raises(ConfigError, match="does not exist"):
         create_tracks(tmp_path / "no" / "t.npz", REFERENCE_PX)

@@ -15,17 +15,18 @@ from spikingtac.atomic_files import require_free, write_json
 from spikingtac.calibration.document import OWN
 from spikingtac.cli import messages
 from spikingtac.cli.messages import Advance, Table, figures, no_progress, progress, remark, tell
-from spikingtac.cli.recordings import ManyArgs, Work, means_many, run_many
+from spikingtac.cli.recordings import ManyArgs, Work, means_many, run_many, the_only_one
 from spikingtac.cli.sources import ending_on_interrupt, fitting
 from spikingtac.file_kinds import kind_of
 from spikingtac.markers.calibration.lattice import LayoutKind
 from spikingtac.markers.calibration.reference import Method
 from spikingtac.plots.circles import save_calibration_plot
-from spikingtac.plots.figure import check_target
+from spikingtac.plots.figure import PICTURE_ENDINGS
 from spikingtac.types import Polarity
 
 TELL_US = 2_000_000  # Sensor time between two reports of what a calibration lacks, us.
 TOO_STILL = "too little moves to tell whether it fits; touch the skin in many places"
+ENDINGS = (".json",)  # Of what is written.
 MOST_NAMED = 8  # Stray spots that are named one by one.
 
 # Figures of a calibration, and of its notes, that are told as they are.
@@ -35,8 +36,7 @@ NOTED = ("missing", "doubtful", "explained", "events", "residual", "scatter_px")
 # Options that mean nothing where the scale of a calibration is set, or one is checked.
 OF_RECORDINGS = ("grid", "layout", "lens", "polarity", "method", "allow_missing", "plot",
                  "until_ready")  # fmt: skip
-UNUSUAL = ("no_lens", "left_out_px", "stray_px", "fitting_grid", "coarse_steps", "flicker_hz",
-           "event_loss")  # fmt: skip
+UNUSUAL = ("no_lens", "left_out_px", "stray_px", "coarse_steps", "flicker_hz", "event_loss")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,13 +94,13 @@ def run(args: Args) -> int:
         raise st.ConfigError(
             "calibrate learns from one recording; to check many against a calibration: "
             "spikingtac calibrate --check calibration.json DAY -o DAY_checked"
+            f"{the_only_one(args.recordings)}"
         )
     recording = args.recordings[0]
     if kind_of(recording) == "calibration":
         return _set_scale(args, recording)
-    args.claim(args.output)
-    if args.plot is not None:
-        check_target(args.plot, overwrite=args.overwrite)
+    args.claim(args.output, endings=ENDINGS)
+    args.claim(args.plot, endings=PICTURE_ENDINGS)
     same = ("pitch_mm", "lens", "polarity", "layout", "method", "allow_missing")
     given = {name: getattr(args, name) for name in same}
     config = st.CalibrationConfig(grid=_grid_shape(args.grid), **given)
@@ -128,7 +128,7 @@ def _set_scale(args: Args, path: Path) -> int:
             "the scale of a calibration: --pitch-mm 2.4 (above 0)"
         )
     args.refuse(f"is for recordings, and {str(path)!r} is a calibration", "sensor", *OF_RECORDINGS)
-    require_free(args.output, args.overwrite)
+    require_free(args.output, args.overwrite, ENDINGS)
     calibration = st.Calibration.load(path).with_pitch(args.pitch_mm)
     calibration.save(args.output)
     document = {"output": str(args.output), "px_per_mm": calibration.px_per_mm}
@@ -217,7 +217,6 @@ def _notes(calibration: st.Calibration, found: dict[str, Any]) -> list[str]:
 
     hot, left_out, stray = (found[name] or [] for name in ("hot_px", "left_out_px", "stray_px"))
     places = "; ".join(f"x {x:.0f}, y {y:.0f} px" for x, y in stray[:MOST_NAMED])
-    fits = "x".join(map(str, found["fitting_grid"] or ()))
     missing, doubtful = (
         [marker_name(marker, calibration.grid) for marker in found[name]]
         for name in ("missing", "doubtful")
@@ -232,7 +231,6 @@ def _notes(calibration: st.Calibration, found: dict[str, Any]) -> list[str]:
         f"Hot pixels, whose events are ignored: {len(hot)}.": hot,
         f"Left out, since they lie beyond the border: {len(left_out)}.": left_out,
         f"{len(stray)} spots move like markers and belong to no row: {places}.": stray,
-        f"The grid {fits} fits all that moves: give --grid {fits}.": found["fitting_grid"],
         f"Hardly moved, or hidden; expected from the others: {'; '.join(missing)}.": missing,
         f"Doubtful, since discs explain little of them: {'; '.join(doubtful)}.": doubtful,
     }
@@ -289,6 +287,6 @@ CHECK = Work(
     check_one,
     check_row,
     lambda *_: (),
-    ".json",
+    ENDINGS,
     lambda args: st.Calibration.load(args.check),
 )

@@ -109,8 +109,7 @@ def run(args: Args) -> int:
 
 def _config(args: Args) -> st.DetectionConfig:
     """Return the preset's settings with what the command line changes; refuse a mere stream."""
-    if args.realtime:
-        require_live([args.recording])
+    require_live([args.recording], where=args.realtime)
     if events.is_stream(args.recording) and args.quiet is None:
         raise st.ConfigError(
             f"{str(args.recording)!r} is a stream and is read once, as it comes; give a recording "

@@ -12,7 +12,7 @@ from spikingtac import events
 from spikingtac.batch.inputs import find_recordings
 from spikingtac.cli.messages import Advance, Table, counted, figures, progress, tell
 from spikingtac.cli.options import Output, WriteArgs
-from spikingtac.cli.recordings import ManyArgs, Work, means_many, run_many, run_one
+from spikingtac.cli.recordings import ManyArgs, Work, means_many, run_many, run_one, the_only_one
 from spikingtac.cli.sources import ending_on_interrupt
 from spikingtac.datasets.export import data_set, write_zarr
 from spikingtac.datasets.lerobot import write_lerobot
@@ -68,11 +68,12 @@ def run(args: Args) -> int:
             raise st.ConfigError("of many files, convert needs the format to write: --to npz")
         writer_of(args.to, args.encoding)  # refuses what cannot be written
         ending = "." + args.to.lower().removeprefix(".")
-        return run_many(WORK._replace(ending=ending), args, args.files)
+        return run_many(WORK._replace(endings=(ending,)), args, args.files)
     if len(args.files) != 2 or means_many(args, args.files[:1]):
         raise st.ConfigError(
             "convert takes a file to read and a file to write; of many files, it takes "
             "all of them and the folder and format to write: -o FOLDER --to npz"
+            f"{the_only_one(args.files[:1])}"
         )
     return run_one(WORK, args, *args.files)
 
@@ -141,8 +142,8 @@ def _changed(
             yield changed
     if empty and begin_us is not None:
         raise st.RecordingError(
-            f"nothing is kept of {str(source.path)!r}: no event from {begin_us} to {end_us} us is "
-            "in the part that --from-us, --to-us and --crop ask for"
+            f"nothing is kept of {str(source.path)!r}: no event from {begin_us} to {end_us} us of the "
+            "file's times is in the part that --from-us, --to-us and --crop ask for"
         )
 
 
@@ -158,7 +159,7 @@ def convert_shown(found: dict[str, Any], name: str, first: dict[str, Any]) -> li
     return [*notes, *counted(found["anomalies"], "input"), f"{found['events']} events"]
 
 
-WORK = Work("convert", convert_one, convert_row, convert_shown, ".npz")
+WORK = Work("convert", convert_one, convert_row, convert_shown, ())
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -101,7 +101,7 @@ def _fit(args: Args) -> int:
     from spikingtac.touch.force.fit import retarget
 
     output = MODEL if args.output is None else args.output
-    args.claim(output)
+    args.claim(output, endings=(".onnx",))
     if args.base is not None:
         model = retarget(st.load_force(args.base), _series(args))
     else:
@@ -158,7 +158,7 @@ def _check(args: Args) -> int:
 def _apply(args: Args) -> int:
     if len(args.files) != 1 or args.output is None:
         raise st.ConfigError("apply takes one file of tracks, --force F and -o OUT")
-    args.claim(args.output)
+    args.claim(args.output, endings=(".npz",))
     model = st.load_force(args.force)
     values, half_widths = model.estimate(touch.load_series(args.files[0]))
     columns = {"force_n": values[:, :3], "force_sigma_n": half_widths[:, :3] / SIGMAS_90}

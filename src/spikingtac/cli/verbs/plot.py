@@ -12,7 +12,7 @@ from spikingtac.batch.run import write_rows
 from spikingtac.cli.messages import counted, figures, tell, warn
 from spikingtac.cli.options import Output, WriteArgs
 from spikingtac.file_kinds import TOLD, digest_of, kind_of
-from spikingtac.plots.figure import EventKind, ThemeName, WidthName, save_figure
+from spikingtac.plots.figure import PICTURE_ENDINGS, EventKind, ThemeName, WidthName, save_figure
 from spikingtac.plots.tracks import Kind, plot_comparison
 from spikingtac.tracks.comparison import Comparison
 from spikingtac.types import US_PER_S
@@ -77,7 +77,7 @@ def run(args: Args) -> int:
     if animated and kind not in ("course", "field"):
         raise st.ConfigError(f"a .gif shows the field, not the {kind}; leave out --kind")
     args.refuse("is for one moment", "at_s", where=animated or kind in OF_ALL_TIMES)
-    args.claim(output)
+    args.claim(output, endings=(*PICTURE_ENDINGS, ".gif"))
     told = _of_tracks(args, output, kind) if tracked else _of_events(args, output, kind)
     document = {"output": str(output), "kind": kind, **told}
     return tell(args.json, document, *counted(told.get("anomalies", {})), f"written: {output}")
@@ -86,6 +86,8 @@ def run(args: Args) -> int:
 def _of_events(args: Args, output: Path, kind: str) -> dict[str, Any]:
     from spikingtac.plots.events import event_figures, plot_events
 
+    if events.is_stream(args.source):
+        raise st.ConfigError(f"{str(args.source)!r} is a live source; record it first, or view it")
     source = st.open_events(args.source)
     found = event_figures(source, args.at_s)
     save_figure(plot_events(found, kind, theme=args.theme, width=args.width), output)
@@ -129,10 +131,9 @@ class CompareArgs(StyleArgs):
 
 def compare(args: CompareArgs) -> int:
     """Compare, print the figures, and write what was asked for."""
-    if args.table is not None and args.table.suffix.lower() != ".csv":
-        raise st.ConfigError(f"--table is {args.table.name!r}, but is written as .csv; end it so")
     args.refuse("is for a figure: -o compared.png", "theme", "width", where=args.output is None)
-    args.claim(args.output, args.table)
+    args.claim(args.output, endings=PICTURE_ENDINGS)
+    args.claim(args.table, endings=(".csv",))
     found = compared(args.one, args.other)
     summary, rows = found.summary(), found.by_marker()
     if args.output is not None:
@@ -154,8 +155,7 @@ def compared(one: Path, other: Path) -> Comparison:
     """
     path = other / "truth.npz" if other.is_dir() else other
     kind = kind_of(path)
-    untracked = kind_of(one) in ("recording", "truth") or (one.is_file() and one.suffix != ".npz")
-    if kind == "tracks" and untracked:
+    if kind == "tracks" and kind_of(one) in ("recording", "truth"):
         raise st.ConfigError(f"the tracks come first: spikingtac compare {other} {one}")
     tracks = st.Tracks.load(one)
     if kind not in ("tracks", "truth") and path.exists():

@@ -186,10 +186,8 @@ def align(args: AlignArgs) -> int:
     if output is not None and second is not None:
         recorded(output, args.overwrite)
         output /= "poses.npz"
-    elif output is not None and output.suffix != ".npz":
-        raise st.ConfigError(f"poses alone are written as .npz, not as {output.name!r}")
     else:
-        args.claim(output)
+        args.claim(output, endings=(".npz",))
     document: dict[str, Any] = {"output": None if args.output is None else str(args.output)}
     poses = time_map = None
     with progress("comparing clocks"):

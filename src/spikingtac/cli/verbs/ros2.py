@@ -74,10 +74,8 @@ def run(args: Args) -> int:
     feed = feed_of(args)
     with closing(DdsPublisher(args.domain, args.interface, args.reliable)) as publisher:
         where = "this machine" if args.interface == "lo" else args.interface
-        remark(
-            f"publishing {args.prefix}/field and more on {where}, domain {args.domain}; Ctrl-C ends"
-        )
-        return publish(args, feed, publisher, prefix=args.prefix)
+        told = f"publishing {args.prefix}/field and more on {where}, domain {args.domain}"
+        return publish(args, feed, publisher, told, prefix=args.prefix)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,8 +109,8 @@ def foxglove(args: FoxgloveArgs) -> int:
     with closing(FoxglovePublisher(listening, gate.refusal, args.allow_origin)) as publisher:
         token = f"/?token={gate.token}" if gate.token else ""
         address = f"ws://{args.host}:{publisher.port}{token}"
-        remark(f"open {address} in Foxglove (Open connection); Ctrl-C ends")
-        return publish(args, feed, publisher, field_hz=args.field_hz)
+        told = f"open {address} in Foxglove (Open connection)"
+        return publish(args, feed, publisher, told, field_hz=args.field_hz)
 
 
 def feed_of(args: PublishArgs) -> Feed:
@@ -136,13 +134,14 @@ def feed_of(args: PublishArgs) -> Feed:
     return feed
 
 
-def publish(args: PublishArgs, feed: Feed, publisher: Publisher, **settings: Any) -> int:
+def publish(args: PublishArgs, feed: Feed, publisher: Publisher, told: str, **settings: Any) -> int:
     """Publish until the source ends, --seconds of it are over, or Ctrl-C; tell the figures.
 
     Args:
         args: The verb's options.
         feed: The frames.
         publisher: Sends the messages.
+        told: Where they are found.
         **settings: Further arguments of :class:`spikingtac.ros2.stream.SensorStream`.
     """
     from spikingtac.ros2.stream import SensorStream
@@ -153,6 +152,7 @@ def publish(args: PublishArgs, feed: Feed, publisher: Publisher, **settings: Any
         return {} if feed.source is None else dict(feed.source.losses.kinds())
 
     stream = SensorStream(publisher, replace(feed.sensor, name=args.source.name), **settings)
+    remark(f"{told}; Ctrl-C ends")
     exempt_from_collection()  # a collection in the middle would hold up 200 frames
     stop, begun_s = threading.Event(), time.monotonic()
     first_us: int | None = None

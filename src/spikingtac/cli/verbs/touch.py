@@ -120,7 +120,7 @@ def touch_shown(found: dict[str, Any], name: str, first: dict[str, Any]) -> list
     return shown
 
 
-WORK = Work("touch", touch_one, touch_summary, touch_shown, ".csv", check_many, SERIES_MEMBERS)
+WORK = Work("touch", touch_one, touch_summary, touch_shown, (".csv",), check_many, SERIES_MEMBERS)
 
 
 def _listed(args: Args, frames: Iterable[st.MarkerFrame], skin: Skin) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from spikingtac.cli.messages import UNTRACKED, Advance, Table, counted
 from spikingtac.cli.options import Output, RealtimeArgs, TrackerArgs
 from spikingtac.cli.recordings import ManyArgs, SecondArgs, Work, run_each
 from spikingtac.cli.sources import ask_for_real_time, checked, ending_on_interrupt, require_live
+from spikingtac.tracks.files import FORMS
 from spikingtac.types import LawName, Polarity
 
 
@@ -59,8 +60,8 @@ class Args(ManyArgs, TrackerArgs, SecondArgs, RealtimeArgs):
 
 def run(args: Args) -> int:
     """Track, write, and say what came out."""
-    if args.realtime:
-        require_live([*args.recordings, *([args.second] if args.second else ())])
+    sources = [*args.recordings, *([args.second] if args.second else ())]
+    require_live(sources, where=args.realtime)
     return run_each(WORK, args, args.recordings, args.output or Path("tracks.npz"))
 
 
@@ -117,4 +118,4 @@ def track_shown(found: dict[str, Any], name: str, first: dict[str, Any]) -> list
     ]
 
 
-WORK = Work("track", track_one, track_row, track_shown, ".npz", check=Args.settings)
+WORK = Work("track", track_one, track_row, track_shown, tuple(FORMS), check=Args.settings)

@@ -13,7 +13,7 @@ from spikingtac.cli.messages import UNTRACKED, figures, progress, remark, tell
 from spikingtac.cli.options import RealtimeArgs, TrackerArgs, WriteArgs
 from spikingtac.cli.sources import ask_for_real_time, require_live
 from spikingtac.errors import ConfigError
-from spikingtac.plots.figure import PICTURE_ENDINGS, check_target
+from spikingtac.plots.figure import PICTURE_ENDINGS
 from spikingtac.sim.camera.config import CAMERA_NAMES
 from spikingtac.viewer.access import PageOptions
 
@@ -96,20 +96,17 @@ def _check_together(args: Args) -> None:
     from spikingtac.viewer.opening import is_scene
 
     args.refuse("is for scenes", "seed", "camera", where=not is_scene(args.source))
-    if args.export is not None:
-        args.refuse("is for the page, not for --export", "realtime", "calibrate")
-        if args.picture is not None:
-            raise ConfigError("-o and --export write the same; give one of them")
+    of_page = "realtime", "calibrate", "picture"
+    args.refuse("is for the page, not for --export", *of_page, where=args.export is not None)
     args.refuse("is not for --calibrate", "calibration", "force", where=args.calibrate)
-    if args.realtime:
-        require_live([args.source])
+    require_live([args.source], where=args.realtime)
 
 
 def _exported(opener: Opener, args: Args, target: Path) -> dict[str, Any]:
     from spikingtac.viewer.export import ENDINGS, export
 
     args.refuse("is for the page; an export shows no forces", "force")
-    check_target(target, ENDINGS, args.overwrite)
+    args.claim(target, endings=ENDINGS)
     with progress(f"exporting to {target.name}"):
         view = opener()
         written = export(view, target, seconds=args.seconds)
@@ -121,8 +118,7 @@ def _shown(opener: Opener, args: PageArgs, **session: bool) -> dict[str, Any]:
     from spikingtac.viewer.export import summarize
     from spikingtac.viewer.show import show
 
-    if args.picture is not None:
-        check_target(args.picture, PICTURE_ENDINGS, args.overwrite)
+    args.claim(args.picture, endings=PICTURE_ENDINGS)
     if not args.headless:
         found = show(opener, args, remark, picture=args.picture, **session)
     else:
@@ -200,7 +196,6 @@ def simulate(args: SimulateArgs) -> int:
     """Write the recording, or list the scenes."""
     from spikingtac import sim
     from spikingtac.plugins import SCENE_DESIGNS, WithPlugins
-    from spikingtac.stream.record import recorded
 
     if args.list:
         scenes = sim.scene_descriptions()
@@ -213,8 +208,6 @@ def simulate(args: SimulateArgs) -> int:
             "give a scene and a folder: spikingtac simulate SCENE -o FOLDER "
             f"(scenes: {', '.join(sim.scene_names())}, or a TOML file)"
         )
-
-    recorded(args.output, args.overwrite)
     scene = sim.load_scene(args.scene).with_camera(args.camera).with_serial(args.serial)
     if args.design is not None:
         # The package that registers the designs puts the scene on one of them.

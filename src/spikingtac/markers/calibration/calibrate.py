@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from spikingtac.calibration.document import MAPS, MARKER_NUMBERS, MEASURED, OWN
 from spikingtac.calibration.lens import fit_lens
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import CalibrationError
+from spikingtac.errors import CalibrationError, require_type
 from spikingtac.events.source import EventSource, PacketSource, refuse_path
 from spikingtac.markers.calibration.find_markers import (
     CalibrationConfig,
@@ -78,6 +78,7 @@ def calibrate(
     """
     refuse_path(source)
     config = config or CalibrationConfig()
+    require_type(config, CalibrationConfig, "CalibrationConfig(grid=(8, 8))")
     events, hot_px = without_hot_pixels(buffer_events(source))
     view = survey(events, config)
     learned = fit_recording(view, config)
@@ -153,7 +154,6 @@ def _calibration(
             "explained": np.round(quality.explained[keep], 3).tolist(),
             "events": np.round(quality.events[keep]).astype(int).tolist(),
             "stray_px": view.markers.stray_px.round(1).tolist(),
-            "fitting_grid": layout.fits,
             "flicker_hz": flicker_hz(view.events),
             **({"left_out_px": left_out_px} if left_out_px else {}),
             **({"coarse_steps": coarse} if coarse else {}),

@@ -21,6 +21,7 @@ from spikingtac.markers.calibration.recording import (
     unloaded_rests,
 )
 from spikingtac.markers.calibration.reference import Method
+from spikingtac.schema import convert_fields
 from spikingtac.types import EventPacket, FloatArray, Polarity
 
 # Bounds of a marker's area, as shares of the median: smaller spots are none, larger ones two.
@@ -72,13 +73,14 @@ class CalibrationConfig:
 
     grid: tuple[int, int] | None = None
     layout: LayoutKind = "auto"
-    polarity: Literal["auto"] | Polarity = "auto"
+    polarity: Literal["auto", Polarity] = "auto"
     pitch_mm: float | None = None
     lens: bool = False
     method: Method = "rest-mean"
     allow_missing: int | None = None
 
     def __post_init__(self) -> None:
+        convert_fields(self)
         if self.grid is not None and min(self.grid) < 1:
             raise ConfigError(f"grid is {self.grid}, rows and columns must be positive")
         if self.grid is not None and self.layout == "free":
@@ -236,7 +238,12 @@ def detect_markers(
     layout = find_layout(center_px, size, config.grid, config.layout)
     seen = layout.point >= 0
     count, stray = int(seen.sum()), len(layout.stray)
-    if count < FEWEST_MARKERS or (stray > MOST_STRAY_SHARE * count and layout.fits is None):
+    few = count < FEWEST_MARKERS or stray > MOST_STRAY_SHARE * count
+    # Of a requested part of the grid, its other lines may be reflections.
+    if layout.fits and config.grid and (few or np.any(np.less(layout.fits, config.grid))):
+        fits = "x".join(map(str, layout.fits))
+        raise CalibrationError(f"the grid {fits} fits all that moves: give --grid {fits}")
+    if few:
         raise CalibrationError(
             f"no grid of markers: of {len(center_px)} spots only {count} lie in rows and columns; "
             "its markers hardly moved (they must by more than their diameter), noise hides them "

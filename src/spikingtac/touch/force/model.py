@@ -230,7 +230,7 @@ def rest_share(fields: FloatArray, radius: float) -> FloatArray:
 def load_force(path: str | Path) -> ForceModel:
     """Read ``force.onnx``; one that is missing or damaged raises ConfigError."""
     try:
-        network = Network(Path(path).read_bytes(), str(path))
+        network = Network(Path(str(path)).read_bytes(), str(path))
     except (OSError, ConfigError) as error:
         raise ConfigError(f"cannot read {str(path)!r}: {error}; {HINT}") from error
     return ForceModel(network, str(path))
