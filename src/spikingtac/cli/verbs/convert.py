@@ -142,8 +142,8 @@ def _changed(
             yield changed
     if empty and begin_us is not None:
         raise st.RecordingError(
-            f"nothing is kept of {str(source.path)!r}: no event from {begin_us} to {end_us} us of the "
-            "file's times is in the part that --from-us, --to-us and --crop ask for"
+            f"nothing is kept of {str(source.path)!r}: no event from {begin_us} to {end_us} us "
+            "(the file's own times) is in the part that --from-us, --to-us and --crop ask for"
         )
 
 
