@@ -241,8 +241,9 @@ def detect_markers(
     few = count < FEWEST_MARKERS or stray > MOST_STRAY_SHARE * count
     # Of a requested part of the grid, its other lines may be reflections.
     if layout.fits and config.grid and (few or np.any(np.less(layout.fits, config.grid))):
-        fits = "x".join(map(str, layout.fits))
-        raise CalibrationError(f"the grid {fits} fits all that moves: give --grid {fits}")
+        raise CalibrationError(
+            f"another grid fits all that moves: give --grid {'x'.join(map(str, layout.fits))}"
+        )
     if few:
         raise CalibrationError(
             f"no grid of markers: of {len(center_px)} spots only {count} lie in rows and columns; "

@@ -215,7 +215,9 @@ def with_steps(evidence: Evidence, model: Model, rest_px: FloatArray) -> Model:
 
         1 = a (n_on + 1/2) + b / 2,    1 = b (n_off + 1/2) + a / 2,
 
-    since the level at which the pixel fired last is uniform within a step before the swing begins.
+    since the level at which the pixel fired last is uniform within a step before the swing begins
+    (not so before a pixel's first swing). Counts are those of a swing of full height: most swings
+    are a little lower.
     Events against the direction of a swing are subtracted in pairs: a marker that reverses over a
     pixel, or noise near a threshold, fires pairs of events that cancel. (If they counted, simulated
     presses that are calibrated from themselves would err by 0.23 px instead of 0.18.) With too few

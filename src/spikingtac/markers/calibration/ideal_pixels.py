@@ -70,8 +70,9 @@ class Comparison:
         owner: The disc that covers each pixel, -1 for none.
         events: ``(m, 5)`` events near each marker: real ON and OFF, expected ON and OFF; last the
             sum of the times for which its pixels were looked at, s.
-        swings: ``(pixels, 6)`` real events of the full swings of every pixel: ON events and number
-            of rises, OFF events and number of falls, OFF events of rises, ON events of falls.
+        swings: ``(pixels, 6)`` real events of the full swings of every pixel: ON events and sum of
+            the heights of rises, OFF events and heights of falls, OFF events of rises, ON events of
+            falls.
         marker_swings: ``(m, 6)`` the same sums for the marker that covered the pixel.
     """
 
@@ -184,7 +185,7 @@ def own_pixels_kernel(
 def end_swings_kernel(
     chosen: NDArray[np.int64],
     image: tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.int32], bool],
-    state: tuple[NDArray[np.int8], NDArray[np.int32], FloatArray],
+    state: tuple[NDArray[np.int8], NDArray[np.int32], FloatArray, NDArray[np.float32]],
     counts: tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]],
     out: tuple[FloatArray, FloatArray],
     now_s: float,
@@ -192,29 +193,32 @@ def end_swings_kernel(
     """Add completed full swings to the sums of pixels and markers.
 
     ``image`` holds each pixel's level, its disc now and its last one, and whether only pixels that
-    discs have left are meant; ``state`` each pixel's last end (1 ground, 2 marker, 0 none yet), the
-    samples since a swing reached it (-1: none did), and the time there, s; ``counts``
+    discs have left are meant; ``state`` each pixel's last end (1 ground, 2 marker, 0 none yet,
+    negative at the start), the samples since a swing reached it (-1: none did), the time there, s,
+    and how deep it went into each end, as a share of a full swing from the other one; ``counts``
     ``(pixels, 2)`` OFF and ON events now, at the last sample at an end, and at the swing's start.
+    A pixel's first swing does not count: the level of its last event before it is not known.
     """
-    (now, whose, marker, left), (end, since, end_s) = image, state
+    (now, whose, marker, left), (end, since, end_s, deepest) = image, state
     (count, last, begun), (by_pixel, by_marker) = counts, out
     for q in chosen:
         if left and whose[q] >= 0:
             continue
         at = 2 if now[q] > MARKER_LEVEL else 1 if now[q] < GROUND_LEVEL else 0
+        inside = now[q] if at == 2 else np.float32(1.0) - now[q]
+        deepest[q, at] = max(inside, deepest[q, at]) if at == end[q] else inside
         if since[q] >= 0:
             since[q] += 1
             if at != end[q] or since[q] >= SETTLE_SAMPLES or left:
-                rose = end[q] == 2
-                column, along = (0, 1) if rose else (2, 0)
+                column, along = (0, 1) if end[q] == 2 else (2, 0)
                 until = last if at != end[q] else count
                 for sums in (by_pixel[q], by_marker[marker[q]]):
                     sums[column] += until[q, along] - begun[q, along]
-                    sums[column + 1] += 1
+                    sums[column + 1] += deepest[q, 1] + deepest[q, 2] - 1.0
                     sums[4 + column // 2] += until[q, 1 - along] - begun[q, 1 - along]
                 since[q] = -1
-        if at != 0:
-            if at != end[q] and end[q] != 0 and now_s - end_s[q] > SNAP_S:
+        if at != 0 and at != -end[q]:
+            if at != end[q] and end[q] > 0 and now_s - end_s[q] > SNAP_S:
                 since[q] = 0
                 begun[q, 0], begun[q, 1] = last[q, 0], last[q, 1]
             end[q], end_s[q] = at, now_s
@@ -243,7 +247,8 @@ def compare_kernel(
     touched, former = np.empty(count, np.int64), np.empty(count, np.int64)
     seen_s, last_owner = np.full(count, at_s[0]), np.full(count, -1, np.int32)
     copies, counts = (phases, np.zeros(count, np.float32)), np.zeros((count, 2), np.int32)
-    ends = np.zeros(count, np.int8), np.full(count, -1, np.int32), seen_s.copy()
+    deepest = np.zeros((count, 3), np.float32)
+    ends = np.zeros(count, np.int8), np.full(count, -1, np.int32), seen_s.copy(), deepest
     counted = counts, np.zeros_like(counts), np.zeros_like(counts)
     at, formers, kept, owned = index[0], 0, 0, np.zeros(len(near) + 1)
     for sample in range(len(index)):
@@ -252,7 +257,7 @@ def compare_kernel(
         place = center_px[sample], stretch_px[sample]
         covered = touched[: draw_kernel(place, looks, (image, owner), touched)]
         if sample == 0:  # spread the levels of the last events over one step
-            before[:], ends[0][:] = now, 2 * (now > MARKER_LEVEL) + (now < GROUND_LEVEL)
+            before[:], ends[0][:] = now, -2 * (now > MARKER_LEVEL) - (now < GROUND_LEVEL)
             for phase in range(PHASES):
                 phases[:, phase] = now + off - (on + off) * np.float32((phase + 0.5) / PHASES)
         own_pixels_kernel(covered, whose, last_owner, owned, near[:, 4], at_s[sample : sample + 2])

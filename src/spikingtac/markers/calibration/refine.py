@@ -237,12 +237,13 @@ def fit_recording(view: Overview, config: CalibrationConfig) -> tuple[Evidence, 
     model = with_recovery(evidence, model)
     # Tracking improves with a map painted at the rest positions. Counts of events depend on steps
     # and paths; full swings, which sharp discs reveal, depend on steps alone.
+    # Steps are counted along the refined paths: tracked ones show swings that are none.
     for _ in range(TRACKING_ROUNDS):
         rest_px = np.median(model.center_px[rests], axis=0)
         model = tracked(view, evidence.index, model, rest_px)
+        model = with_rest_radii(refine(evidence, model, steps=False), rests)
         if not model.recovery_s:  # recovering pixels send too few events in a swing
             model = with_steps(evidence, model, rest_px)
-        model = with_rest_radii(refine(evidence, model, steps=False), rests)
     model, quality = _without_strays(view, rests, model, quality_of(evidence, model))
     missing = np.flatnonzero(~quality.measured)
     refuse_gaps(view.markers.layout, view.events.size, missing, config.allow_missing)
