@@ -179,8 +179,8 @@ def test_ideal_pixels_fire_as_plain_loops_have_it(recovery_s: float) -> None:
 
 @pytest.mark.parametrize(("back", "snaps"), [(False, False), (True, False), (True, True)])
 def test_full_swings_are_counted_pixel_by_pixel_but_for_snaps(back: bool, snaps: bool) -> None:
-    # One disc comes over a pixel, rests, and leaves it: three ON events and one OFF event against
-    # them, then two OFF events, the last of which comes late.
+    # One disc leaves a pixel, which does not count, comes over it, rests, and leaves it: three ON
+    # events and one OFF event against them, then two OFF events, the last of which comes late.
     discs = Discs(np.array([4.0]), np.array([0.5]), np.array([5.0]))
     pixel = 15 * SIZE[0] + 20
     code = np.array([2 * pixel + way for way in (1, 1, 0, 1, 0, 0, 1)])
@@ -188,11 +188,16 @@ def test_full_swings_are_counted_pixel_by_pixel_but_for_snaps(back: bool, snaps:
     events = decoded(code, at_us, SIZE, 7 * int(at_us[1]))
     away, near, over = [[4.0, 15.0]], [[12.5, 15.0]], [[20.0, 15.0]]
     # Noise long after the swing is none of its events, nor where the disc has gone away.
-    path = np.array([away, near, over, over, near, near, *([away] if back else [near]) * 4, near])
-    index = np.array([0, 0, 3, 4, 5, 6, 6, 6, 6, 6, 7])
+    coming = [over, away, near, over, over, near, near]
+    path = np.array([*coming, *([away] if back else [near]) * 4, near])
+    index = np.array([0, 0, 0, 3, 4, 5, 6, 6, 6, 6, 6, 7])
     known, model = evidence_and_model(path, events, discs=discs, on=2 * [0.5], off=2 * [0.25])
     seen = compare(replace(known, index=index), model)
-    np.testing.assert_array_equal(seen.swings[pixel], [0] * 6 if snaps else [3, 1, 2, 1, 1, 0])
+    expected = [0] * 6 if snaps else [3, 1, 2, 1, 1, 0]
+    np.testing.assert_allclose(seen.swings[pixel], expected, atol=0.02)
+    # A pixel near the rim, sqrt(13) px from the centre, swings less high.
+    height = 0.0 if snaps else DiscProfile(4.0, 0.5).level(13**0.5 - 5.0)
+    np.testing.assert_allclose(seen.swings[17 * SIZE[0] + 23, 1], height, atol=0.002)
     # Other pixels swing as well, without events.
     assert (seen.marker_swings[0, 1] > 50) != snaps
     assert seen.marker_swings[0, 0] == (0 if snaps else 3)
