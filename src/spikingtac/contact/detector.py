@@ -96,8 +96,7 @@ class QuietStatistics:
             ConfigError: They differ in length.
         """
         period = Period()
-        counts = [period.count(window) for window in windows]
-        return cls.of_counts(counts, period.us * 1e-6)
+        return cls.of_counts([period.count(window) for window in windows], period.us * 1e-6)
 
     @classmethod
     def of_counts(cls, counts: Sequence[int], period_s: float) -> QuietStatistics:

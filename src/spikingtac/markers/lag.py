@@ -138,8 +138,8 @@ def estimate_lag(
     lag_us, spread_us = solved
     error_us = float(np.sqrt(spread_us**2 + (DARK_SHARE * lag_us) ** 2 + FLOOR_US**2))
     told = error_us < max(LARGEST_ERROR_US, LARGEST_ERROR_SHARE * lag_us)
-    possible = told and lag_us > -error_us  # no edge comes before its light
-    return (max(lag_us, 0.0), error_us) if possible else None
+    # No edge comes before its light.
+    return (max(lag_us, 0.0), error_us) if told and lag_us > -error_us else None
 
 
 def estimate_dead_time(found: Crossings, edge: DiscProfile) -> float | None:

@@ -28,9 +28,9 @@ STILL_LEVEL = 1e-4  # Smaller changes of the level are no motion.
 GROUND_LEVEL, MARKER_LEVEL = 0.03, 0.95
 
 SETTLE_SAMPLES = 3  # Samples after the end of a swing in which events still count for it.
-# Shortest swing that is counted, s: a snap saturates the readout. (With all swings a simulated drag
-# that ends in a snap is calibrated 0.34 px off; without those below 5 ms 0.2, below 10 ms 0.15 px.)
-SNAP_S = 0.01
+# Shortest swing that is counted, s: a snap saturates the readout. (Without swings below 10 ms a
+# simulated drag that ends in a snap is calibrated 0.13 px off, below 20 or 30 ms 0.09 px.)
+SNAP_S = 0.02
 
 
 @dataclass(frozen=True, slots=True)

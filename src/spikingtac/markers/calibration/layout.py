@@ -97,8 +97,7 @@ def _arranged(lattice: Lattice, rectangle: Rectangle | None) -> Layout:
         inside = ((at >= 0) & (at < shape)).all(axis=1)
         point[tuple(at[inside].T)] = lattice.index[inside]
     stray = np.setdiff1d(np.arange(len(lattice.points)), point).tolist()
-    expected_px = lattice.expected_px(cell)
-    return Layout(shape, point.ravel(), expected_px, stray, lattice.phase is not None)
+    return Layout(shape, point.ravel(), lattice.expected_px(cell), stray, lattice.phase is not None)
 
 
 def _rectangle(lattice: Lattice, size: tuple[int, int]) -> Rectangle | None:

@@ -42,8 +42,9 @@ TOUCHED_PX = 0.2  # Mean displacement before a rest from which it counts as a co
 TELLING_PX = 0.01
 
 # Least evidence of creep: the share of the rests' variance that it explains, times the number of
-# rests less one. (Simulated gels that creep have 0.94 and more, presses with 2 % of creep 0.53;
-# eleven sensors without creep 0 to 0.33.)
+# rests less one, at least 2. (Simulated gels that creep have 0.94 and more, presses with 2 % of
+# creep 0.53; eleven sensors without creep 0 to 0.33. An independent one would have 1 by chance, but
+# many markers show it.)
 LEAST_EVIDENCE = 0.45
 
 
@@ -84,7 +85,7 @@ def creep_shares(position_px: FloatArray, displaced_px: FloatArray) -> tuple[flo
     from scipy.optimize import nnls  # 0.1 s that trackers need not wait
 
     shares, left_px = nnls(causes, off_px.ravel())
-    little = left_px**2 > (1.0 - LEAST_EVIDENCE / max(len(off_px) - 1, 1)) * (off_px**2).sum()
+    little = left_px**2 > (1.0 - LEAST_EVIDENCE / max(len(off_px) - 1, 2)) * (off_px**2).sum()
     if little or shares[0] > MOST_CREEP:
         return 0.0, 0.0
     return float(shares[0]), min(float(shares[1]), MOST_SPREAD)

@@ -54,6 +54,7 @@ class MisplacedSkin:
         """Begin with a skin at rest."""
         self._rest_px, self._away_px = calibration.reference_px, 0.0
         self._light = np.full(len(self._rest_px), np.nan)
+        self._recovers = calibration.recovery_s is not None
 
     def update(
         self,
@@ -72,6 +73,8 @@ class MisplacedSkin:
             dt_s: Time in which they came, s.
             noise_per_s: ``(m + 1,)`` background events in the same places, 1/s.
         """
+        if self._recovers:  # their light rises by itself: 0.19 of a swing on the recorded sensor
+            self._light[:] = np.nan
         misplaced, self._away_px = misplaced_kernel(
             state_map.values, state_map.pixels, self._rest_px, markers, self._light, self._away_px,
             counts, dt_s, noise_per_s,

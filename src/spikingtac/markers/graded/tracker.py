@@ -170,8 +170,7 @@ class GradedTracker:
         if self._zero is not None:
             velocity_px_s = np.column_stack([locator.markers["vx"], locator.markers["vy"]])
             given_px = self._zero.update(given_px, velocity_px_s, manager.coasted, dt_s)
-        confidence = manager.confidence(locator.markers, dt_s, silent)
-        return given_px, manager.coasted.copy(), confidence
+        return given_px, manager.coasted.copy(), manager.confidence(locator.markers, dt_s, silent)
 
     def _note_silence(self, t_us: int) -> bool:
         """Return whether the camera sends not even noise, and count such silences once each."""

@@ -138,5 +138,4 @@ def load_camera(name: str | Path) -> CameraConfig:
         ConfigError: The name is unknown, or the file does not fit. The message names the valid
             values.
     """
-    file = stored_file(name, CONFIGS / "cameras", _STORED_NAMES, "camera")
-    return from_toml(CameraConfig, file)
+    return from_toml(CameraConfig, stored_file(name, CONFIGS / "cameras", _STORED_NAMES, "camera"))
