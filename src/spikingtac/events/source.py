@@ -57,7 +57,8 @@ def refuse_path(given: object) -> None:
         ConfigError: It is a path, an array or a single value; says how to open a file.
     """
     if isinstance(given, str | os.PathLike | np.ndarray) or not isinstance(given, Iterable):
-        require_type(given, EventSource, OPENED)
+        path = given if isinstance(given, str | os.PathLike) else "a.raw"
+        require_type(given, EventSource, f"open_events({os.fspath(path)!r})")
 
 
 # Kinds of loss that lose nothing; ``strict`` does not refuse them.
