@@ -141,7 +141,7 @@ def require_free(path: str | Path, overwrite: bool, endings: Sequence[str] = ())
     """Refuse a file that cannot or must not be written, before any work is done.
 
     Args:
-        path: The file; a device or a pipe is taken as it is.
+        path: The file; a device or a pipe is taken as it is, unless endings choose the format.
         overwrite: Whether one that is there may be replaced.
         endings: Valid endings of its name; any unless given.
 
@@ -162,13 +162,14 @@ def require_free(path: str | Path, overwrite: bool, endings: Sequence[str] = ())
             "choose another name, or give --overwrite to replace a file"
         )
     file = WholeFile(target)
-    if file.partial == file.path:
-        return
-    if endings and target.suffix not in endings:
+    as_it_is = file.partial == file.path
+    # A device or a pipe takes the only format under any name.
+    if target.suffix not in endings and len(endings) > (1 if as_it_is else 0):
         hint, valid = nearest(target.suffix, endings), ", ".join(endings)
         raise ConfigError(f"cannot write {target.name!r}{hint} (valid endings: {valid})")
     try:
-        file.abandon(file.open())
+        if not as_it_is:
+            file.abandon(file.open())
     except OSError as error:  # it names the unfinished file, which nobody asked for
         raise OSError(error.errno, error.strerror, str(path)) from error
 

@@ -165,6 +165,7 @@ def test_help_shows_no_none_and_verbs_that_write_take_overwrite(verb: str, verbs
         (("calibrate", "a", "-o", "a.xyz"), "(valid endings: .json)"),
         (("touch", "a", "-o", "a.parquet"), "(valid endings: .csv)"),
         (("track", "a", "-o", "a.xyz"), "(valid endings: .npz, .csv, .parquet)"),
+        (("track", "a", "-o", "/dev/null"), "(valid endings: .npz, .csv, .parquet)"),
         (("compare", "a", "b", "--table", "a.xlsx"), "(valid endings: .csv)"),
         (("force", "fit", "a", "-o", "a.json"), "(valid endings: .onnx)"),
         (("force", "apply", "a", "-o", "a.csv"), "(valid endings: .npz)"),

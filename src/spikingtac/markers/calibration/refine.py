@@ -236,8 +236,8 @@ def fit_recording(view: Overview, config: CalibrationConfig) -> tuple[Evidence, 
     rests = evidence.rests[view.unloaded]
     model = with_recovery(evidence, model)
     # Tracking improves with a map painted at the rest positions. Counts of events depend on steps
-    # and paths; full swings, which sharp discs reveal, depend on steps alone.
-    # Steps are counted along the refined paths: tracked ones show swings that are none.
+    # and paths; full swings, which sharp discs reveal, depend on steps alone. These are counted
+    # along refined paths: tracked ones show swings that are none.
     for _ in range(TRACKING_ROUNDS):
         rest_px = np.median(model.center_px[rests], axis=0)
         model = tracked(view, evidence.index, model, rest_px)

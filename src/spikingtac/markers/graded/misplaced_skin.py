@@ -73,7 +73,8 @@ class MisplacedSkin:
             dt_s: Time in which they came, s.
             noise_per_s: ``(m + 1,)`` background events in the same places, 1/s.
         """
-        if self._recovers:  # their light rises by itself: 0.19 of a swing on the recorded sensor
+        # Pixels that recover lighten by themselves, by 0.19 of a swing on the recorded sensor.
+        if self._recovers:
             self._light[:] = np.nan
         misplaced, self._away_px = misplaced_kernel(
             state_map.values, state_map.pixels, self._rest_px, markers, self._light, self._away_px,

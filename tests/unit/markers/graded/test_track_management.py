@@ -1,5 +1,6 @@
 """Which markers are held, how sure they are of themselves, and how they come back."""
 
+from dataclasses import replace
 from itertools import product
 from types import SimpleNamespace
 
@@ -272,9 +273,12 @@ def test_a_skin_whose_release_lost_its_events_is_put_back(lost_share: float) -> 
     assert max(off_px[700:]) < 1.0
 
 
-@pytest.mark.parametrize("hit", [COUNT, 3])
-def test_trails_of_a_fast_hit_are_no_release_but_new_light_is(hit: int) -> None:
-    skin, rng = MisplacedSkin(CALIBRATION), np.random.default_rng(1)
+@pytest.mark.parametrize(("hit", "recovery_s"), [(COUNT, None), (3, None), (COUNT, 0.2)])
+def test_trails_of_a_fast_hit_are_no_release_but_new_light_is(
+    hit: int, recovery_s: float | None
+) -> None:
+    skin = MisplacedSkin(replace(CALIBRATION, recovery_s=recovery_s))
+    rng = np.random.default_rng(1)
     hit_px = REST_PX + np.multiply.outer(np.arange(COUNT) < hit, [12.0, 0.0])
 
     def is_released(place_px: np.ndarray, light: float) -> bool:
@@ -288,7 +292,8 @@ def test_trails_of_a_fast_hit_are_no_release_but_new_light_is(hit: int) -> None:
     assert not is_released(REST_PX, 0.0)
     assert not is_released(hit_px, 0.2)
     assert not is_released(hit_px, 0.2)
-    assert is_released(hit_px, 0.6)
+    # Pixels that recover lighten by themselves.
+    assert is_released(hit_px, 0.6) == (recovery_s is None)
 
 
 def test_the_rise_of_the_light_at_the_rests_equals_its_twin() -> None:
