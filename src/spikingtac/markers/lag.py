@@ -71,7 +71,9 @@ FLOOR_US = 100.0  # Uncertainty of the lag by what the model leaves out, us.
 # light, 2500 us in dim light, and more than 10 ms in the dark.
 LARGEST_ERROR_US, LARGEST_ERROR_SHARE = 1_000.0, 0.3
 
-LEAST_RUNGS = 2  # Rungs of each polarity without which level and skew cannot be told apart.
+# Rungs of each polarity that tell level and skew apart; with two nothing would contradict them.
+# (Three simulated sensors without a lag, of two OFF events per swing, gave 8 to 12 ms.)
+LEAST_RUNGS = 3
 
 # Share of the edges that began to cross, at whose place the dead time is measured. (Ten simulated
 # sensors of 200 to 1,000 us give 75 to 125 % of it; twelve of 0 or 100 us -160 to 225, one 350 us.)

@@ -165,60 +165,72 @@ def compensate_kernel(
         given_px[m, 1] = reference_px[m, 1] + moved_px[m, 1] - shrunk * y
 
 
-class ReleasedZero:
-    """Zero offset that each contact leaves behind, on sensors whose pixels recover.
+class ReleasedSkin:
+    """Rest after each contact, on sensors whose events do not tell where it is.
 
-    Recovering pixels do not remember where their disc rested: each contact leaves the fits beside
-    their rest positions, half a pixel on the recorded sensor, at random from marker to marker. The
-    gel returns to rest: it stands still within 0.1 s after a release. The offset from the rest
-    positions is then learned, and subtracted until the next contact has ended.
+    The gel returns to rest: it stands still within 0.1 s after a release. Recovering pixels do not
+    remember where their disc rested: each contact leaves the fits beside their rest positions, half
+    a pixel on the recorded sensor, at random from marker to marker. This zero offset is learned,
+    and subtracted until the next contact has ended. Large steps hide the last way back instead, and
+    the creep after it, which is as long. There the filters are drawn to the rest positions, from
+    which the next events move them.
 
-    It is learned only within a short time after a contact, and only if the markers, averaged with
+    This is done only within a short time after a contact, and only if the markers, averaged with
     their neighbours, are near their rest positions. So neither a static press, however long, nor
     one that begins softly is taken for a rest.
     """
 
-    def __init__(self, neighbours: Neighbourhood) -> None:
-        """Begin at rest, without an offset."""
-        self._reference_px = neighbours.reference_px
+    def __init__(self, neighbours: Neighbourhood, recovers: bool) -> None:
+        """Begin at rest, without an offset.
+
+        Args:
+            neighbours: Rest positions, and whom each marker is averaged with.
+            recovers: Whether pixels recover; otherwise their steps are large.
+        """
+        self._reference_px, self._recovers = neighbours.reference_px, recovers
         own = np.arange(len(self._reference_px))[:, np.newaxis]
         self._around = np.hstack([own, neighbours.index])
         self._zero_px = np.zeros_like(self._reference_px)
         self._loaded, self._still_s = False, 0.0
 
     def update(
-        self,
-        detected_px: FloatArray,
-        velocity_px_s: FloatArray,
-        coasted: NDArray[np.bool_],
-        dt_s: float,
+        self, detected_px: FloatArray, markers: Array, coasted: NDArray[np.bool_], dt_s: float
     ) -> FloatArray:
-        """Return ``(m, 2)`` positions less their zero offset, px.
+        """Return ``(m, 2)`` positions less their zero offset, px, or draw the filters to rest.
 
         Args:
             detected_px: ``(m, 2)`` fitted positions, px.
-            velocity_px_s: ``(m, 2)`` velocities, px/s.
+            markers: ``(m,)`` records (:data:`~spikingtac.markers.graded.motion.MARKER`).
             coasted: ``(m,)`` lost markers; they are left out.
             dt_s: Time since the last call, s.
         """
-        left_px = detected_px - self._reference_px
-        seen = ~coasted
-        count = np.count_nonzero(seen)
-        if not count:
+        left_px, seen = detected_px - self._reference_px, ~coasted
+        if not seen.any():
             return detected_px.copy()
+        share = self._settling_share(left_px, markers, seen, dt_s)
+        if self._recovers:
+            self._zero_px[seen] += share * (left_px - self._zero_px)[seen]
+            left_px -= self._zero_px
+            away2 = (left_px**2).sum(axis=1, keepdims=True)
+            return detected_px - self._zero_px * np.exp(-away2 / FADE_PX**2)
+        markers["x"][seen] -= share * left_px[seen, 0]
+        markers["y"][seen] -= share * left_px[seen, 1]
+        return detected_px
+
+    def _settling_share(
+        self, left_px: FloatArray, markers: Array, seen: NDArray[np.bool_], dt_s: float
+    ) -> float:
+        """Return the share of the way to rest that a released skin has gone since the last call."""
+        count = np.count_nonzero(seen)
         # Sums over a count: the method mean takes three times as long for so few numbers.
         mean_away_px = float(np.hypot(left_px[:, 0], left_px[:, 1])[seen].sum()) / count
-        speed_px_s = float(np.hypot(velocity_px_s[:, 0], velocity_px_s[:, 1])[seen].sum()) / count
+        speed_px_s = float(np.hypot(markers["vx"], markers["vy"])[seen].sum()) / count
         self._still_s = self._still_s + dt_s if speed_px_s < AT_REST_PX_S else 0.0
         if mean_away_px > LOADED_PX:
             self._loaded = True
         elif self._loaded and self._still_s > WAIT_S:
-            smooth_px = np.linalg.norm(left_px[self._around].mean(axis=1), axis=1)
-            near = smooth_px.mean() < NEAR_PX and smooth_px.max() < NEAR_MOST_PX
-            if near:
-                share = -np.expm1(-dt_s / SETTLE_S)
-                self._zero_px[seen] += share * (left_px - self._zero_px)[seen]
             self._loaded = self._still_s < LEARN_S
-        left_px -= self._zero_px
-        away2 = (left_px**2).sum(axis=1, keepdims=True)
-        return detected_px - self._zero_px * np.exp(-away2 / FADE_PX**2)
+            smooth_px = np.linalg.norm(left_px[self._around].mean(axis=1), axis=1)
+            if smooth_px.mean() < NEAR_PX and smooth_px.max() < NEAR_MOST_PX:
+                return float(-np.expm1(-dt_s / SETTLE_S))
+        return 0.0

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.markers.graded.appearance import has_large_steps
-from spikingtac.markers.graded.corrections import OutputCorrections, ReleasedZero
+from spikingtac.markers.graded.corrections import OutputCorrections, ReleasedSkin
 from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.event_loss import SILENCE_US, EventLoss
 from spikingtac.markers.graded.map_leak import MapLeak
@@ -101,10 +101,10 @@ class GradedTracker:
         self._law = law or OutputLaw()
         # A fit to dead bands needs no leak, since it corrects levels itself, and no compensation of
         # backlash. Steps do not adapt: the loss is measured by full swings, which large steps hide.
-        bands = config.dead_bands and has_large_steps(calibration)
-        without = {"adapt_to_loss": False, "leak_per_s": 0.0, "backlash": 0.0} if bands else {}
-        self._config = replace(config, **without)
-        self._locator = DiscLocator(calibration, bands)
+        self._bands = config.dead_bands and has_large_steps(calibration)
+        without = {"adapt_to_loss": False, "leak_per_s": 0.0, "backlash": 0.0}
+        self._config = replace(config, **without) if self._bands else config
+        self._locator = DiscLocator(calibration, self._bands)
         self.lag_s = 1e-6 * (LAG_DEFAULT_US if calibration.lag_us is None else calibration.lag_us)
         self._start()
 
@@ -167,9 +167,8 @@ class GradedTracker:
         backlash = self._config.backlash if known else 0.0
         noise = self._event_loss.background_hz_px, dt_s
         given_px = self._corrections.update(t_us, locator.markers, self.lag_s, backlash, noise)
-        if self._zero is not None:
-            velocity_px_s = np.column_stack([locator.markers["vx"], locator.markers["vy"]])
-            given_px = self._zero.update(given_px, velocity_px_s, manager.coasted, dt_s)
+        if self._released is not None:
+            given_px = self._released.update(given_px, locator.markers, manager.coasted, dt_s)
         return given_px, manager.coasted.copy(), manager.confidence(locator.markers, dt_s, silent)
 
     def _note_silence(self, t_us: int) -> bool:
@@ -196,7 +195,9 @@ class GradedTracker:
         self._misplaced = MisplacedSkin(self.calibration)
         neighbours = self._manager.neighbours
         self._corrections = OutputCorrections(self.calibration, neighbours, self._config.shrink)
-        self._zero = ReleasedZero(neighbours) if self.calibration.recovery_s is not None else None
+        recovers = self.calibration.recovery_s is not None
+        forgets = recovers or self._bands
+        self._released = ReleasedSkin(neighbours, recovers) if forgets else None
         self._event_loss = EventLoss(self.calibration, self._locator.area_px)
         leak_per_s = self._config.leak_per_s
         self._leak = MapLeak(self.calibration, leak_per_s) if leak_per_s else None

@@ -16,8 +16,9 @@ from spikingtac.markers.graded.corrections import (
     STEADY_SHARE,
     TURN_SHARE,
     OutputCorrections,
-    ReleasedZero,
+    ReleasedSkin,
 )
+from spikingtac.markers.graded.motion import resting_markers
 from spikingtac.markers.graded.tracker import GradedTrackerConfig
 from spikingtac.markers.neighbours import Neighbourhood
 from stand_ins.known import moving_markers
@@ -131,16 +132,17 @@ DT_S = 0.01
 
 
 def shown_px(
-    zero: ReleasedZero, left_px: np.ndarray, seconds: float, speed_px_s: float = 0.0
+    zero: ReleasedSkin, left_px: np.ndarray, seconds: float, speed_px_s: float = 0.0
 ) -> np.ndarray:
     """Hold the skin somewhere, moving or still; return the displacement that is given out."""
-    velocity_px_s, given_px = np.full((3, 2), speed_px_s), REST_PX
+    markers, given_px = resting_markers(REST_PX), REST_PX
+    markers["vx"] = speed_px_s
     for _ in range(round(seconds / DT_S)):
-        given_px = zero.update(REST_PX + left_px, velocity_px_s, SEEN, DT_S)
+        given_px = zero.update(REST_PX + left_px, markers, SEEN, DT_S)
     return given_px - REST_PX
 
 
-def pressed(zero: ReleasedZero) -> None:
+def pressed(zero: ReleasedSkin) -> None:
     shown_px(zero, np.full((3, 2), 4.0), 0.2, speed_px_s=50.0)
 
 
@@ -154,7 +156,7 @@ def pressed(zero: ReleasedZero) -> None:
     ],
 )
 def test_a_press_that_is_held_is_no_rest(left_px: np.ndarray, seconds: float) -> None:
-    zero = ReleasedZero(Neighbourhood(REST_PX))
+    zero = ReleasedSkin(Neighbourhood(REST_PX), recovers=True)
     pressed(zero)
     np.testing.assert_allclose(shown_px(zero, left_px, seconds), left_px, atol=1e-9)
 
@@ -163,24 +165,41 @@ def test_a_press_that_is_held_is_no_rest(left_px: np.ndarray, seconds: float) ->
 def test_what_is_left_after_a_contact_and_differs_from_marker_to_marker_is_taken_off(
     left_px: np.ndarray, seconds: float
 ) -> None:
-    zero = ReleasedZero(Neighbourhood(REST_PX))
+    zero = ReleasedSkin(Neighbourhood(REST_PX), recovers=True)
     pressed(zero)
     np.testing.assert_allclose(shown_px(zero, left_px, seconds), 0.0, atol=1e-3)
 
 
 @pytest.mark.parametrize("seconds", [1.0, 60.0])
 def test_a_soft_press_from_rest_stays(seconds: float) -> None:
-    given_px = shown_px(ReleasedZero(Neighbourhood(REST_PX)), LEFT_PX, seconds)
+    given_px = shown_px(ReleasedSkin(Neighbourhood(REST_PX), recovers=True), LEFT_PX, seconds)
     np.testing.assert_allclose(given_px, LEFT_PX, atol=1e-9)
 
 
 def test_markers_that_are_held_tell_nothing() -> None:
-    zero, held = ReleasedZero(Neighbourhood(REST_PX)), np.array([False, False, True])
+    zero, held = ReleasedSkin(Neighbourhood(REST_PX), recovers=True), np.array([False, False, True])
     pressed(zero)
-    given_px = REST_PX
+    given_px, markers = REST_PX, resting_markers(REST_PX)
     for _ in range(100):
-        given_px = zero.update(REST_PX + LEFT_PX, np.zeros((3, 2)), held, DT_S)
+        given_px = zero.update(REST_PX + LEFT_PX, markers, held, DT_S)
     np.testing.assert_allclose(given_px[:2], REST_PX[:2], atol=1e-3)
     np.testing.assert_allclose(given_px[2], REST_PX[2] + LEFT_PX[2], atol=1e-9)
-    unseen = zero.update(REST_PX + LEFT_PX, np.zeros((3, 2)), np.ones(3, bool), DT_S)
+    unseen = zero.update(REST_PX + LEFT_PX, markers, np.ones(3, bool), DT_S)
     np.testing.assert_allclose(unseen, REST_PX + LEFT_PX, atol=1e-9)
+
+
+@pytest.mark.parametrize(("left_px", "way_left"), [(LEFT_PX, 0.0), (6.0 * LEFT_PX, 1.0)])
+def test_where_steps_are_large_the_filters_of_a_released_skin_are_drawn_to_rest(
+    left_px: np.ndarray, way_left: float
+) -> None:
+    released = ReleasedSkin(Neighbourhood(REST_PX), recovers=False)
+    markers = resting_markers(REST_PX)
+    pressed(released)
+    places_px, held = REST_PX + left_px, np.array([False, False, True])
+    markers["x"], markers["y"] = places_px.T
+    for _ in range(100):
+        now_px = np.column_stack([markers["x"], markers["y"]])
+        np.testing.assert_array_equal(released.update(now_px, markers, held, DT_S), now_px)
+    found_px = np.column_stack([markers["x"], markers["y"]]) - REST_PX
+    np.testing.assert_allclose(found_px[:2], way_left * left_px[:2], atol=1e-3)
+    np.testing.assert_array_equal(found_px[2], left_px[2])
