@@ -171,7 +171,7 @@ class ReleasedSkin:
     The gel returns to rest: it stands still within 0.1 s after a release. Recovering pixels do not
     remember where their disc rested: each contact leaves the fits beside their rest positions, half
     a pixel on the recorded sensor, at random from marker to marker. This zero offset is learned,
-    and subtracted until the next contact has ended. Large steps hide the last way back instead, and
+    and subtracted until the next contact has ended. Dead bands hide the last way back instead, and
     the creep after it, which is as long. There the filters are drawn to the rest positions, from
     which the next events move them.
 
@@ -185,7 +185,7 @@ class ReleasedSkin:
 
         Args:
             neighbours: Rest positions, and whom each marker is averaged with.
-            recovers: Whether pixels recover; otherwise their steps are large.
+            recovers: Whether pixels recover; otherwise dead bands hide the rest.
         """
         self._reference_px, self._recovers = neighbours.reference_px, recovers
         own = np.arange(len(self._reference_px))[:, np.newaxis]

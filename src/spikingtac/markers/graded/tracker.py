@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.markers.graded.appearance import has_large_steps
+from spikingtac.markers.graded.appearance import needs_dead_bands
 from spikingtac.markers.graded.corrections import OutputCorrections, ReleasedSkin
 from spikingtac.markers.graded.disc_locator import DiscLocator
 from spikingtac.markers.graded.event_loss import SILENCE_US, EventLoss
@@ -61,7 +61,8 @@ class GradedTrackerConfig:
         shrink: Share of a fit's error by which residuals against the neighbours shrink.
         adapt_to_loss: Whether steps grow when fewer events arrive than the motion should cause.
         dead_bands: Whether discs are fitted to dead bands instead of levels, on sensors whose
-            events stand for much (a step above 0.3 of a swing, and pixels that do not recover).
+            pixels do not recover, and whose events stand for much (a step above 0.3 of a swing) or
+            whose edges are wide (above 1.2 px).
     """
 
     leak_per_s: float = field(default=30.0, metadata={"range": (0.0, 100.0), "unit": "1/s"})
@@ -100,8 +101,8 @@ class GradedTracker:
         self.calibration = calibration
         self._law = law or OutputLaw()
         # A fit to dead bands needs no leak, since it corrects levels itself, and no compensation of
-        # backlash. Steps do not adapt: the loss is measured by full swings, which large steps hide.
-        self._bands = config.dead_bands and has_large_steps(calibration)
+        # backlash. Steps do not adapt: the loss is measured by full swings, which are rare.
+        self._bands = config.dead_bands and needs_dead_bands(calibration)
         without = {"adapt_to_loss": False, "leak_per_s": 0.0, "backlash": 0.0}
         self._config = replace(config, **without) if self._bands else config
         self._locator = DiscLocator(calibration, self._bands)

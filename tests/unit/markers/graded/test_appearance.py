@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.disc_profile import Discs, nearest_marker
-from spikingtac.markers.graded.appearance import has_large_steps, painted_map, steps_of
+from spikingtac.markers.graded.appearance import needs_dead_bands, painted_map, steps_of
 from spikingtac.state_map.graded import STEP_DEFAULT
 from stand_ins.known import known
 
@@ -41,8 +41,11 @@ def test_the_nearest_marker_owns_a_pixel(whole: bool) -> None:
     np.testing.assert_allclose(own2[0], away2.min(axis=0))
 
 
-def test_steps_are_large_by_the_larger_one_unless_pixels_recover() -> None:
-    assert not has_large_steps(PLAIN)
-    assert not has_large_steps(replace(PLAIN, step_on=0.12, step_off=0.29))
-    assert has_large_steps(replace(PLAIN, step_on=0.31, step_off=0.2))
-    assert not has_large_steps(replace(PLAIN, step_on=0.15, step_off=0.31, recovery_s=0.2))
+def test_large_steps_and_wide_edges_need_dead_bands_unless_pixels_recover() -> None:
+    assert not needs_dead_bands(PLAIN)
+    assert not needs_dead_bands(replace(PLAIN, step_on=0.12, step_off=0.29))
+    assert needs_dead_bands(replace(PLAIN, step_on=0.31, step_off=0.2))
+    assert not needs_dead_bands(replace(PLAIN, edge_px=1.1))
+    assert needs_dead_bands(replace(PLAIN, edge_px=1.3))
+    blurred = replace(PLAIN, step_on=0.15, step_off=0.31, edge_px=1.3, recovery_s=0.2)
+    assert not needs_dead_bands(blurred)
