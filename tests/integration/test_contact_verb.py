@@ -6,10 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spikingtac.events import open_events
 from spikingtac.sim.catalog import load_scene
 from spikingtac.sim.render import simulate
 from stand_ins.known import known
+from stand_ins.random_packets import save_events, whole
 from stand_ins.verbs import Verbs
+
+HELD_US = 1_270_000, 1_700_000  # The finger holds still in between.
 
 
 @pytest.fixture(scope="module")
@@ -28,32 +32,25 @@ def calibrated(presses: Path, tmp_path: Path) -> Path:
     return folder
 
 
-def test_the_default_detector_finds_the_touch_and_its_end(calibrated: Path, verbs: Verbs) -> None:
+@pytest.mark.parametrize("beginning", ["quiet", "in contact", "without noise"])
+def test_a_touch_is_found_with_its_end(calibrated: Path, beginning: str, verbs: Verbs) -> None:
     with np.load(calibrated / "truth.npz") as truth:
         touched = truth["contact_t_us"][np.abs(truth["force_n"][:, 2]) > 1e-6]
-    found = verbs.told("contact", calibrated)
-    assert found["detector"] == "default"
+    before, after = whole(open_events(calibrated)).split(int(touched[0]))
+    press, rest = after.split(HELD_US[0])
+    if beginning == "without noise":  # silence while the finger holds still
+        press.t[:] = touched[0] + (press.t - touched[0]) // 10  # as short as a camera's burst
+        rest = rest.split(HELD_US[1])[1]
+    parts = [before, press, rest] if beginning == "quiet" else [press, rest]
+    found = verbs.told("contact", save_events(calibrated / "parts.raw", *parts))
+    assert (found["detector"], found["budget_per_hour"]) == ("default", 1.0)
     (contact,) = found["contacts"]
     assert 0 < contact["t_us"] - touched[0] < 100_000
     assert abs(contact["end_us"] - touched[-1]) < 100_000
     assert contact["count"] > contact["threshold"]
-    assert found["budget_per_hour"] == 1.0
-    assert found["quiet"]["source"] == "beginning"
+    assert found["quiet"]["source"] == ("beginning" if beginning == "quiet" else "quietest")
     assert 0.3 <= found["quiet"]["seconds"] <= touched[0] * 1e-6
-    assert found["quiet"]["variance"] > 0.0
-
-
-def test_a_recording_that_begins_with_a_contact(calibrated: Path, verbs: Verbs) -> None:
-    with np.load(calibrated / "truth.npz") as truth:
-        touched = truth["contact_t_us"][np.abs(truth["force_n"][:, 2]) > 1e-6]
-    cut = calibrated / "cut.raw"
-    verbs.told("convert", calibrated, cut, "--from-us", int(touched[0]))
-    found = verbs.told("contact", cut)
-    assert "begins in contact" in verbs.err
-    assert (found["quiet"]["source"], found["quiet"]["seconds"]) == ("quietest", 0.3)
-    (contact,) = found["contacts"]
-    assert 0 < contact["t_us"] - touched[0] < 100_000
-    assert abs(contact["end_us"] - touched[-1]) < 100_000
+    assert ("begins in contact" in verbs.err) == (beginning == "in contact")
 
 
 def test_without_a_calibration_events_are_counted_and_it_is_said(

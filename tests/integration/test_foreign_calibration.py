@@ -53,7 +53,7 @@ def test_it_is_told_and_strict_refuses_it_but_not_the_own_one(
     warned = verbs.said(*given, "--calibration", foreign)
     assert "warning: the recording does not fit the calibration" in warned
     refused = verbs.said(*given, "--calibration", foreign, "--strict", code=1)
-    assert "calibrate this sensor: spikingtac calibrate" in refused
+    assert "lacks edge_px, or something pressed at first; calibrate this sensor: spik" in refused
     for calibration, misfits in ((foreign, True), (own, False)):
         strict = [] if misfits else ["--strict"]
         found = verbs.told(*given, "--calibration", calibration, *strict)

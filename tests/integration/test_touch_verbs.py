@@ -109,13 +109,13 @@ def test_a_skin_of_known_stiffness_needs_no_labels(
     known(places, grid=(5, 6), px_per_mm=15.4).save(scaled)
     words = ["force", "fit", "--shear-modulus-kpa", 30, "-o", tmp_path / "force.onnx"]
     assert "--calibration" in verbs.said(*words, code=2)
-    assert "--pitch-mm" in verbs.said(*words, "--calibration", bare, code=2)
+    assert f"calibrate {bare} -o" in verbs.said(*words, "--calibration", bare, code=2)
+    assert "spikingtac track" in verbs.said("force", "fit", bare, code=1)
     assert verbs.told(*words, "--calibration", scaled)["unit"] == "px"
     near = [*words, "--overwrite", "--calibration", scaled, "--camera-distance-mm"]
     assert "thickness, 3.0 mm" in verbs.said(*near, 2, code=2)
-    labelled = tracks_of(tmp_path / "labelled.npz", places)
-    assert len(verbs.told(*near, 13, labelled)["series"]) == 7
-    told = verbs.said("force", "fit", labelled, "--camera-distance-mm", 13, code=2)
-    assert "needs --shear-modulus-kpa" in told
-    unscaled = arrays(tmp_path / "a.npz", 1)
-    assert "--calibration" in verbs.said(*words, "--overwrite", unscaled, code=2)
+    labelled = 13, tracks_of(tmp_path / "labelled.npz", places)
+    assert len(verbs.told(*near, *labelled)["series"]) == 7
+    assert "needs --shear-modulus-kpa" in verbs.said(*words[:2], near[-1], *labelled, code=2)
+    words += ["--overwrite", arrays(tmp_path / "a.npz", 1)]
+    assert "--calibration" in verbs.said(*words, code=2)

@@ -76,9 +76,6 @@ def _extrapolated(peaks: FloatArray, tail: int, per_block: float) -> float:
     return level + excess * math.log(max(tail / len(peaks) / per_block, 1.0))
 
 
-# Fewest quiet windows for the covariance of the evidence: ten per element, 12 elements per sensor.
-LEAST_WINDOWS = 200
-
 # Fewest sums of a scale in the quiet windows for its use: all nine scales from 1.8 s on.
 LEAST_SUMS = 7
 MEMORY_S = 0.1  # Time constant of the arm's vibration, s: Q / (pi f) at 15 Hz and Q = 5.
@@ -112,14 +109,12 @@ class QuietEvidence:
     Attributes:
         tables: The rims without hot pixels.
         evidence: ``(n, length)`` evidence of each window.
-        period_s: Length of a window, s.
         hot_pixels: How many hot pixels of each sensor's rims are ignored.
         statistics: Counts of all events of the windows.
     """
 
     tables: tuple[RimTable, ...]
     evidence: FloatArray
-    period_s: float
     hot_pixels: tuple[int, ...]
     statistics: QuietStatistics
 
@@ -143,15 +138,14 @@ def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> Quiet
         packets = packets_of(window)
         counts.append(period.count(window))
         beside.append(evidence_of(window, tables)[BESIDE::MODES])
-        parts = []
-        for packet, table, times in zip(packets, tables, fired, strict=True):
-            rim = packet.select(table.row[packet.y, packet.x] != OFF_RIM)  # a tenth of the events
+        pairs = zip(packets, tables, strict=True)
+        rims = tuple(one.select(table.row[one.y, one.x] != OFF_RIM) for one, table in pairs)
+        for rim, times in zip(rims, fired, strict=True):
             np.add.at(times, (rim.y, rim.x), 1)
-            parts.append(rim)
-        kept.append(tuple(parts))
+        kept.append(rims)  # a tenth of the events
+    statistics = QuietStatistics.of_counts(counts, period.us * 1e-6)
     _require_evidence(counts, fired)
-    period_s = period.us * 1e-6
-    limit = max(HOT_HZ * len(kept) * period_s, 1.0)
+    limit = max(HOT_HZ * len(kept) * statistics.period_s, 1.0)
     hot = [times > limit for times in fired]  # events on the rims only were counted
     clean = tuple(table.without(mask) for table, mask in zip(tables, hot, strict=True))
     evidence = np.array([evidence_of(window, clean) for window in kept])
@@ -159,18 +153,12 @@ def quiet_evidence(tables: Sequence[RimTable], quiet: Iterable[Window]) -> Quiet
     return QuietEvidence(
         tables=clean,
         evidence=evidence,
-        period_s=period_s,
         hot_pixels=tuple(int(mask.sum()) for mask in hot),
-        statistics=QuietStatistics.of_counts(counts, period_s),
+        statistics=statistics,
     )
 
 
 def _require_evidence(counts: list[int], fired: list[NDArray[np.int64]]) -> None:
-    if len(counts) < LEAST_WINDOWS:
-        raise CalibrationError(
-            f"{len(counts)} quiet windows are too few for the sequential motion detector, at least "
-            f"{LEAST_WINDOWS} are needed; record the moving arm for longer (a minute is good)"
-        )
     few = 0 < sum(counts) < RIM_EVENTS
     if not few and not any(times.any() for times in fired):
         raise CalibrationError(
@@ -206,9 +194,9 @@ def scale_test(quiet: QuietEvidence, alarms_per_hour: float) -> ScaleTest:
     # The light of the quiet windows is part of their amplitude.
     replayed = ScaleSums(ScaleTest(windows, whiten, 0.0 * chance, mean, mean))
     amplitude = np.sqrt([replayed.add(window).copy() for window in quiet.evidence])
-    per_window = alarms_per_hour * quiet.period_s / SECONDS_PER_HOUR / len(windows)
+    per_window = alarms_per_hour * quiet.statistics.period_s / SECONDS_PER_HOUR / len(windows)
     floor = float(chdtri(whiten.shape[1], per_window))  # chi squared, inverse survival
-    memory = round(MEMORY_S / quiet.period_s)
+    memory = round(MEMORY_S / quiet.statistics.period_s)
     threshold = []
     for scale, length in enumerate(windows):
         block = max(memory, int(length))
@@ -219,7 +207,8 @@ def scale_test(quiet: QuietEvidence, alarms_per_hour: float) -> ScaleTest:
     raised = _at_least_shorter(np.array(threshold), whiten)
     if not np.isfinite(raised).all():
         raise CalibrationError(
-            f"{len(quiet.evidence)} quiet windows give no threshold; record the arm for longer"
+            f"{len(quiet.evidence)} quiet windows are too few for a threshold: it takes 0.3 s; "
+            "record the moving arm for longer (a minute is good)"
         )
     return ScaleTest(windows, whiten, chance, mean, raised)
 

@@ -5,8 +5,10 @@ Contacts in recordings: find the quiet windows, and run a detector over the rest
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, islice
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spikingtac.contact.detector import (
     BLOCK_WINDOWS,
@@ -70,38 +72,48 @@ def leading_quiet(sources: Sequence[EventSource]) -> tuple[int, int]:
     """Return the first and the last (exclusive) of the leading windows that count as quiet.
 
     The stretch begins once the camera has settled. It ends where a block of windows holds clearly
-    more events than the blocks of its first 0.3 s; the two blocks before a busy one do not count. A
-    block shows a light contact that no single window shows.
+    more events than the blocks of its first 0.3 s, or more of the rarer polarity: a motion fires
+    both, the light and the leak one. The two blocks before a busy one do not count. A block shows a
+    light contact that no single window shows.
 
     Raises:
         RecordingError: The recording is shorter than the least stretch, or holds no events.
     """
     stream = paired_windows(sources)
-    first = np.array([count_of(window) for window in islice(stream, LEAST_QUIET_WINDOWS)])
-    begin = 0
-    while len(first) == LEAST_QUIET_WINDOWS and (skipped := unsettled(first)):
+    first, begin = _polarities(islice(stream, LEAST_QUIET_WINDOWS)), 0
+    while (
+        begin <= MOST_UNSETTLED
+        and len(first) == LEAST_QUIET_WINDOWS
+        and (skipped := unsettled(first.sum(axis=1)))
+    ):
         begin += skipped
-        further = [count_of(window) for window in islice(stream, skipped)]
-        first = np.append(first[skipped:], further)
-        if begin > MOST_UNSETTLED:
-            break
+        first = np.append(first[skipped:], _polarities(islice(stream, skipped)), axis=0)
     if len(first) < LEAST_QUIET_WINDOWS:
         raise RecordingError(
             f"the recording lasts {begin + len(first)} ms; it has to begin with at least "
             f"{LEAST_QUIET_WINDOWS} ms without contact, or give another one with --quiet"
         )
-    blocks = first.reshape(-1, BLOCK_WINDOWS).sum(axis=1)
-    spread = max(float(blocks.std(ddof=1)), float(np.sqrt(BLOCK_WINDOWS * first.var(ddof=1))))
-    limit = float(blocks.mean()) + CLEAR_SIGMA * max(spread, 1.0)
+    blocks = _all_and_rarer(first.reshape(-1, BLOCK_WINDOWS, 2).sum(axis=1))
+    by_window = np.sqrt(BLOCK_WINDOWS * _all_and_rarer(first.var(axis=0, ddof=1)))
+    spread = np.maximum(blocks.std(axis=0, ddof=1), by_window)
+    limit = blocks.mean(axis=0) + CLEAR_SIGMA * np.maximum(spread, 1.0)
     length = LEAST_QUIET_WINDOWS
-    while length < MOST_WINDOWS:
-        block = [count_of(window) for window in islice(stream, BLOCK_WINDOWS)]
-        if sum(block) > limit:
+    while length < MOST_WINDOWS and len(block := _polarities(islice(stream, BLOCK_WINDOWS))):
+        if (_all_and_rarer(block.sum(axis=0)) > limit).any():
             return begin, begin + max(length - 2 * BLOCK_WINDOWS, LEAST_QUIET_WINDOWS)
         length += len(block)
-        if len(block) < BLOCK_WINDOWS:
-            break
     return begin, begin + length
+
+
+def _polarities(stream: Iterable[Window]) -> NDArray[np.int64]:
+    """Return ``(n, 2)`` the OFF and the ON events of each window, over all sensors."""
+    counts = [sum(np.bincount(one.p, minlength=2) for one in packets_of(w)) for w in stream]
+    return np.reshape(np.array(counts, np.int64), (-1, 2))
+
+
+def _all_and_rarer(counts: NDArray[Any]) -> NDArray[Any]:
+    """Return ``(..., 2)``: of OFF and ON counts their sum and the smaller one."""
+    return np.stack([counts.sum(axis=-1), counts.min(axis=-1)], axis=-1)
 
 
 def quietest(sources: Sequence[EventSource]) -> tuple[int, int]:

@@ -105,13 +105,12 @@ class SequentialMotionDetector:
     """
 
     def __init__(self, learned: QuietEvidence, test: ScaleTest) -> None:
-        self.in_contact, self.test = False, test
+        self.test = test
         self._learned, self._sums = learned, ScaleSums(test)
-        self._period = Period(round(learned.period_s * US_PER_S))
+        self._period = Period(round(learned.statistics.period_s * US_PER_S))
         self._markers = sum(table.markers for table in learned.tables)
         self._noise = float(distance_of(learned.evidence).std())
-        self._release: ReleaseMonitor | None = None
-        self._calm = self._still = 0
+        self.reset()
 
     @classmethod
     def from_quiet(
@@ -165,14 +164,15 @@ class SequentialMotionDetector:
             quiet=learned.statistics,
             figures={
                 "hot_pixels": list(learned.hot_pixels),
-                "scales_ms": [int(count * learned.period_s * 1e3) for count in test.windows],
+                "scales_ms": [int(ms) for ms in 1e3 * learned.statistics.period_s * test.windows],
                 "thresholds": [round(float(value), 3) for value in test.threshold],
             },
         )
 
     def reset(self) -> None:
         """Forget the past windows, but keep what was learned from the quiet ones."""
-        self.in_contact, self._release, self._calm, self._still = False, None, 0, 0
+        self._release: ReleaseMonitor | None = None
+        self.in_contact, self._calm, self._still = False, 0, 0
         self._sums.reset()
 
     def _is_next(self, release: ReleaseMonitor, found: int | None) -> bool:

@@ -114,8 +114,8 @@ class CalibrationCheck:
         return (
             f"the recording does not fit the calibration: {self.contradiction:.0%} of the pixels "
             f"beside the markers' rims changed first to the wrong side (at most {self.limit:.0%} "
-            "with the sensor's own); it is of another sensor, or something pressed when the "
-            "recording began; calibrate this sensor: spikingtac calibrate RECORDING"
+            "with the sensor's own); the calibration is another sensor's or lacks edge_px, or "
+            "something pressed at first; calibrate this sensor: spikingtac calibrate RECORDING"
         )
 
     def absorb(self, packet: EventPacket) -> None:

@@ -86,7 +86,7 @@ def load_series(path: str | Path) -> WrenchSeries:
     Raises:
         RecordingError: The file cannot be read or holds neither.
     """
-    values = load_arrays(path, "displacements")
+    values = load_arrays(path, "displacements, which spikingtac track RECORDING makes")
     unit = "mm" if "displacement_mm" in values else "px"
     try:
         t_us, reference = values["t_us"], values[f"reference_{unit}"]

@@ -62,25 +62,20 @@ def begun_at(counts: list[int], before: Sequence[int] = ()) -> list[int]:
     return found
 
 
-def test_a_contact_that_slides_slowly_is_one_contact() -> None:
-    slide = [PRESS_COUNT] * 200 + [SLIDE_COUNT] * 1_000 + [PRESS_COUNT] * 200
-    assert begun_at([QUIET_COUNT] * 100 + slide) == [100]
+PRESS = [PRESS_COUNT] * 200
+SLIDES = [QUIET_COUNT] * 100 + PRESS + [SLIDE_COUNT] * 1_000 + PRESS, [100]
+RETURNS = PRESS + [QUIET_COUNT] * (RELEASE_WINDOWS + 100) + PRESS, [0, 300 + RELEASE_WINDOWS]
+WEAK = [QUIET_COUNT] * 5_000 + [SLIDE_COUNT] * 100, []
 
 
-def test_a_finger_that_left_and_comes_back_is_two_contacts() -> None:
-    pause = [QUIET_COUNT] * (RELEASE_WINDOWS + 100)
-    press = [PRESS_COUNT] * 200
-    assert begun_at(press + pause + press) == [0, 200 + len(pause)]
-
-
-def test_quiet_windows_and_weak_ones_begin_nothing() -> None:
-    assert begun_at([QUIET_COUNT] * 5_000 + [SLIDE_COUNT] * 100) == []
+@pytest.mark.parametrize(("counts", "begins"), [SLIDES, RETURNS, WEAK])
+def test_one_contact_slides_two_return(counts: list[int], begins: list[int]) -> None:
+    assert begun_at(counts) == begins
 
 
 @pytest.mark.parametrize("before", [[900] * 40, [5000], [0] * 120, [0] * 60 + [700] * 20])
 def test_a_burst_or_silence_at_the_start_teaches_nothing(before: list[int]) -> None:
-    press = [QUIET_COUNT] * 200 + [PRESS_COUNT] * 200
-    assert begun_at(press, before) == [200]
+    assert begun_at([QUIET_COUNT] * 200 + PRESS, before) == [200]
     assert begun_at([QUIET_COUNT] * 5_000, before) == []
 
 

@@ -2,18 +2,22 @@
 
 from collections.abc import Iterator
 
+import numpy as np
+import pytest
+
 from spikingtac.contact.detector import WINDOW_US
 from spikingtac.contact.recording import _aligned, find_contacts, leading_quiet, quietest
 from spikingtac.contact.registry import EventCountDetector
 from spikingtac.types import EventPacket
-from stand_ins.random_packets import packet_at
+from stand_ins.random_packets import packet_of
 
 SIZE = (8, 8)
 
 
-def window(number: int, events: int = 1) -> EventPacket:
+def window(number: int, off: int = 1, on: int = 0) -> EventPacket:
     start_us = number * WINDOW_US
-    return packet_at([start_us] * events, (start_us, start_us + WINDOW_US), SIZE)
+    t, p = np.full(off + on, start_us), np.arange(off + on) >= off
+    return packet_of(t, 0 * t, 0 * t, p, SIZE, (start_us, start_us + WINDOW_US))
 
 
 def windows(*numbers: int) -> Iterator[EventPacket]:
@@ -51,6 +55,11 @@ def test_a_burst_at_the_start_is_neither_learned_nor_a_contact() -> None:
     assert found[0].t_us == 641 * WINDOW_US
 
 
-def test_the_quietest_stretch_is_the_one_with_the_fewest_events() -> None:
-    source = list(map(window, range(600), [9] * 100 + [2, 1] * 150 + [9] * 200))
-    assert quietest([source]) == (100, 400)  # type: ignore[list-item]
+# Light that grows for 0.3 s, and a contact from 0.48 s on; the quietest stretch of a recording.
+LIGHT = leading_quiet, [0] * 480 + [5] * 30, [*range(300), *[0] * 180, *[5] * 30], (0, 420)
+QUIETEST = quietest, [9] * 100 + [2, 1] * 150 + [9] * 200, [0] * 600, (100, 400)
+
+
+@pytest.mark.parametrize(("stretch_of", "off", "on", "stretch"), [LIGHT, QUIETEST])
+def test_the_quiet_stretch(stretch_of, off, on, stretch):
+    assert stretch_of([list(map(window, range(len(off)), off, on))]) == stretch

@@ -47,9 +47,10 @@ class Args(RealtimeArgs):
     """Find the contacts in a recording: not a safety function, see the how-to.
 
     The thresholds are learned from the beginning of the recording, which should be free of contact,
-    or from a recording of the moving arm that is given with --quiet. Where markers move at once,
-    the quietest 0.3 s of the recording serve. The default detector uses the rims of the markers
-    and needs a calibration of each sensor; without one, raw events are counted.
+    or from a recording of the moving arm that is given with --quiet. Where markers move at once, or
+    the beginning holds no event, the quietest 0.3 s with events serve. The default detector uses
+    the rims of the markers and needs a calibration of each sensor; without one, raw events are
+    counted.
 
     Attributes:
         recording: Event file, or recording folder of one or two sensors (events.raw, events_1.raw);
@@ -161,8 +162,11 @@ def _learn(
         learned_from = args.quiet.name
     else:
         first, _ = stretch = contact.leading_quiet(sources)
-        if any(map(partial(_moves, first=first), sources, calibrations)):
+        leading = islice(contact.paired_windows(sources), *stretch)
+        begun = any(map(partial(_moves, first=first), sources, calibrations))
+        if begun or not any(map(contact.count_of, leading)):
             first, stretch, learned_from = 0, contact.quietest(sources), "quietest"
+        if begun:
             remark(IN_CONTACT)
     quiet = islice(contact.paired_windows(given), *stretch)
     detector = st.make_detector(config.detector or "default", config, calibrations, quiet)
@@ -183,9 +187,8 @@ def _moves(source: events.FileSource, calibration: st.Calibration, first: int) -
     for window in islice(stream, first + contact.LEAST_QUIET_WINDOWS):
         tracker.absorb(window)
         places_px.append(tracker.estimate(window.t_end_us).displacement_px)
-    whole = len(places_px) // MOVED_WINDOWS * MOVED_WINDOWS
-    means_px = np.reshape(places_px[:whole], (-1, MOVED_WINDOWS, len(calibration.radius_px), 2))
-    means_px = means_px.mean(axis=1)[1:]
+    ends = range(2 * MOVED_WINDOWS, len(places_px) + 1, MOVED_WINDOWS)  # without the first part
+    means_px = np.array([np.mean(places_px[end - MOVED_WINDOWS : end], axis=0) for end in ends])
     moved_px = np.linalg.norm(means_px - means_px[:1], axis=2)
     return bool(((moved_px > MOVED_PX).sum(axis=1) >= MOVED_MARKERS).any())
 

@@ -130,8 +130,8 @@ def _drawn(args: Args) -> list[st.WrenchSeries]:
     calibration = st.Calibration.load(args.calibration)
     if calibration.px_per_mm is None:
         raise st.ConfigError(
-            f"{str(args.calibration)!r} knows no scale; make one with: "
-            "spikingtac calibrate RECORDING -o calibration.json --pitch-mm 2.4"
+            f"{str(args.calibration)!r} knows no scale; tell it how far markers are apart: "
+            f"spikingtac calibrate {args.calibration} -o calibration.json --pitch-mm 2.4"
         )
     skin = touch.SkinConfig(
         shear_modulus_kpa=args.shear_modulus_kpa,
