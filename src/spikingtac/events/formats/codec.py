@@ -170,10 +170,13 @@ class WrittenWhole(ABC):
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        if kind is None:
+        if kind is not None:
+            return self.abandon()
+        try:
             self.close()
-        else:
+        except BaseException:
             self.abandon()
+            raise
 
 
 class EventWriter(WrittenWhole):
