@@ -99,7 +99,7 @@ class FileSource:
             raise FormatError(
                 f"{str(path)!r}: a sensor of {width}x{height} px is not possible (valid: 1 "
                 f"to {SIDE_LIMIT_PX} a side, {AREA_LIMIT_PX} px together); give the true size: "
-                "spikingtac convert IN OUT --size W H (in Python size=)"
+                "spikingtac convert IN OUT --size WxH (in Python size=)"
             )
 
     def _size(self) -> tuple[int, int]:
