@@ -54,6 +54,7 @@ EVENTS = r"EventSource, given .*'a\.raw'.*; make one: spikingtac\.open_events"
         (lambda: st.calibrate([], (8, 8)), "CalibrationConfig, given tuple"),  # type: ignore[arg-type]
         (lambda: st.Tracks.load(None), r"a file, given NoneType; .*Tracks\.load"),  # type: ignore[arg-type]
         (lambda: st.open_events(None), "a file, given NoneType; .*open_events"),  # type: ignore[arg-type]
+        (lambda: st.open_events(__file__, size="9x9"), "size: expected a list, got '9x9'"),  # type: ignore[arg-type]
         (lambda: st.open_arm(None), "no arm None"),  # type: ignore[arg-type]
         (lambda: st.calibrate(Path("a.raw")), EVENTS),
         (lambda: list(st.windows("a.raw", 1_000)), EVENTS),

@@ -7,7 +7,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 
 from spikingtac import plugins
-from spikingtac.errors import PATH, ConfigError, FormatError, RecordingError, nearest, require_type
+from spikingtac.errors import PATH, FormatError, RecordingError, nearest, require_type
 from spikingtac.events.camera import Address, is_address, is_stream
 from spikingtac.events.evt.raw import RawSource, later_parts, read_header
 from spikingtac.events.formats.file_source import (
@@ -59,8 +59,6 @@ def open_events(
             of its own.
         DeviceError: There is no such camera, or it refuses.
     """
-    if chunk_events < 1:
-        raise ConfigError(f"chunk_events is {chunk_events}, it must be at least 1")
     options = ReadOptions(
         strict=strict, chunk_events=chunk_events, encoding=encoding, size=size, sensor=sensor
     )

@@ -129,6 +129,7 @@ def test_rows_out_of_order_are_sorted_and_counted(tmp_path: Path, mark: str, t: 
         ("0,1,2,1\n1,2,3,0\n", r"several ways: x,y,t,p; t,x,y,p"),
         ("1.5,2.5,3.5,1\n2.5,4.5,6.5,0\n", "fit no order"),
         ("t,x,y,p\n1,2,3,17\n2,3,4,99\n", "the polarity holds 17, 99"),
+        ("t,x,y,p\n1,2,3,0\n2,3,4,-1\n", "the polarity holds -1, 0; valid"),
     ],
 )
 def test_what_cannot_be_told_is_refused(tmp_path: Path, text: str, told: str) -> None:

@@ -181,7 +181,7 @@ def _holds_wrapped(p: NDArray[Any], where: str) -> bool:
     """
     values, counts = np.unique(p, return_counts=True)
     usual = {float(v) for v in values[counts >= RARE_SHARE * max(len(p), 1)]}
-    if usual - {-1.0, 0.0, 1.0} - _WRAPPED:
+    if usual - {-1.0, 0.0, 1.0} - _WRAPPED or usual == {-1.0, 0.0}:
         told = ", ".join(f"{value:g}" for value in sorted(usual)[:6])
         raise FormatError(
             f"{where}: the polarity holds {told}; valid: 0 and 1, -1 and 1, or true and false"
