@@ -137,13 +137,16 @@ def whole_folder(path: str | Path, last: str) -> Iterator[Path]:
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def require_free(path: str | Path, overwrite: bool, endings: Sequence[str] = ()) -> None:
+def require_free(path: str | Path, overwrite: bool, endings: Sequence[str] = ()) -> str:
     """Refuse a file that cannot or must not be written, before any work is done.
 
     Args:
         path: The file; a device or a pipe is taken as it is, unless endings choose the format.
         overwrite: Whether one that is there may be replaced.
-        endings: Valid endings of its name; any unless given.
+        endings: Valid endings of its name, in small letters; any unless given.
+
+    Returns:
+        The ending of its name in small letters: .csv of T.CSV.
 
     Raises:
         ConfigError: The file is there and ``overwrite`` is not given, the path is a folder, its
@@ -151,6 +154,7 @@ def require_free(path: str | Path, overwrite: bool, endings: Sequence[str] = ())
         OSError: It cannot be written.
     """
     target = Path(path)
+    ending = target.suffix.lower()
     if target.is_dir():
         raise ConfigError(f"{str(path)!r} is a folder; give the name of a file")
     if not target.parent.is_dir():
@@ -164,14 +168,15 @@ def require_free(path: str | Path, overwrite: bool, endings: Sequence[str] = ())
     file = WholeFile(target)
     as_it_is = file.partial == file.path
     # A device or a pipe takes the only format under any name.
-    if target.suffix not in endings and len(endings) > (1 if as_it_is else 0):
-        hint, valid = nearest(target.suffix, endings), ", ".join(endings)
+    if ending not in endings and len(endings) > (1 if as_it_is else 0):
+        hint, valid = nearest(ending, endings), ", ".join(endings)
         raise ConfigError(f"cannot write {target.name!r}{hint} (valid endings: {valid})")
     try:
         if not as_it_is:
             file.abandon(file.open())
     except OSError as error:  # it names the unfinished file, which nobody asked for
         raise OSError(error.errno, error.strerror, str(path)) from error
+    return ending
 
 
 def _sync(path: Path) -> None:

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
+PATH = str | os.PathLike  # What names a file.
 SHORTEST_STEM = 4  # Letters of a name that a longer word must begin with to be taken for it.
 
 
@@ -96,7 +97,7 @@ def named(table: Mapping[str, T], name: str, kind: str) -> T:
     return table[name]
 
 
-def require_type(given: object, kind: type, way: str) -> None:
+def require_type(given: object, kind: Any, way: str) -> None:
     """Refuse what is not of a kind.
 
     Args:
@@ -109,7 +110,8 @@ def require_type(given: object, kind: type, way: str) -> None:
     """
     if not isinstance(given, kind):
         text = repr(given) if isinstance(given, str | os.PathLike) else type(given).__name__
-        raise ConfigError(f"expected {kind.__name__}, given {text}; make one: spikingtac.{way}")
+        expected = "the path of a file" if kind is PATH else kind.__name__
+        raise ConfigError(f"expected {expected}, given {text}; make one: spikingtac.{way}")
 
 
 def import_extra(module: str, what: str, extra: str) -> Any:

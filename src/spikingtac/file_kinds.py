@@ -55,20 +55,21 @@ TOLD = {
 
 def kind_of(path: str | Path) -> str | None:
     """Return a key of :data:`TOLD`, or None for anything else."""
-    file = Path(str(path))  # of anything: what is no path names no file
+    file = Path(path)
     if file.is_dir():
         return "recording" if (file / RECORDING_NAME).is_file() else None
     if not file.is_file():
         return None
-    if file.suffix == ".onnx":
+    ending = file.suffix.lower()
+    if ending == ".onnx":
         return "force"
-    if file.suffix in (".csv", ".parquet"):
+    if ending in (".csv", ".parquet"):
         with file.open("rb") as opened:
             head = opened.readline(LONGEST_HEAD)
         return "table" if head.startswith(TABLES) else "list" if head.startswith(LISTS) else None
     if zipfile.is_zipfile(file):
         return _first(ARCHIVES, members_of(file) or ())
-    return _first(DOCUMENTS, document_of(file).keys()) if file.suffix == ".json" else None
+    return _first(DOCUMENTS, document_of(file).keys()) if ending == ".json" else None
 
 
 def told_kind(path: str | Path) -> str | None:

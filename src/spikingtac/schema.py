@@ -9,6 +9,7 @@ import tomllib
 import types
 import typing
 from collections.abc import Mapping, Sequence
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -227,7 +228,7 @@ def _convert_tuple(items: tuple[Any, ...], value: Any, where: str) -> tuple[Any,
 
 
 def _convert_scalar(hint: Any, value: Any, where: str) -> Any:
-    number = int | float if hint is float else int
+    number: Any = Real if hint is float else Integral  # NumPy's too
     if hint in (int, float) and isinstance(value, number) and not isinstance(value, bool):
         if not abs(value) <= LARGEST:  # no comparison holds for NaN
             raise ConfigError(f"{where}: the number is not finite, or beyond {LARGEST:g}")

@@ -18,6 +18,7 @@ from spikingtac.errors import ConfigError
 
 FloatArray = NDArray[np.float64]  # Array of float64; each use states its shape.
 US_PER_S = 1_000_000
+KPA_PER_MPA = 1e3  # Moduli are configured in kPa; tractions are in N/mm², which is MPa.
 US_PER_DAY = 86_400 * US_PER_S
 
 # Types of the columns x, y, p and t of events.

@@ -201,11 +201,6 @@ class CleanRecording:
     truth: GroundTruth
     source: str
 
-    def true_px(self, t_us: NDArray[np.int64]) -> FloatArray:
-        """Return the true centres ``(k, m, 2)`` at some times, px; each is that of the next row."""
-        rows = np.minimum(np.searchsorted(self.truth.t_us, t_us), len(self.truth.t_us) - 1)
-        return self.truth.marker_px[rows]
-
 
 def render(scene_name: str, seed: int, duration_s: float) -> CleanRecording:
     """Render one recording of the twin without noise, with its truth."""
@@ -265,7 +260,7 @@ def score_all(recording: CleanRecording, plan: Plan, seed: int) -> Samples:
     events, source = recording.events, recording.source
     for kind in get_args(MapKind):
         reference = clean_centroids(recording, kind, plan)
-        true_px, fast = recording.true_px(reference.at_us), reference.speed_px_s > FAST_PX_S
+        true_px, fast = recording.truth.at(reference.at_us), reference.speed_px_s > FAST_PX_S
         every = np.ones_like(fast)
         groups = {"": every, "fast/": fast, "slow/": ~fast} if source == "twin" else {}
         groups |= {"heldout/": every} if recording.name == HELD_OUT else {}

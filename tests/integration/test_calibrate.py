@@ -242,7 +242,7 @@ def saved(events: EventPacket, folder: Path) -> list[object]:
 
 
 def test_the_verb(tmp_path: Path, verbs: Verbs) -> None:
-    size = (120, 80)
+    size = (120, 120)
     truth_px = markers(2, 3, size, 36.0)
     words = [*saved(slides_of(truth_px, 6.0, size), tmp_path), "--pitch-mm", 2.4]
     told = verbs.told(*words, "--plot", tmp_path / "c.png")
@@ -253,10 +253,10 @@ def test_the_verb(tmp_path: Path, verbs: Verbs) -> None:
     said = verbs.said(*words)
     assert "unloaded rests" in said
     assert "6 of 6 markers measured" in said
-    assert "8x8 or 7x10" in verbs.said(*words, "--grid", "2*3", code=2)
-    assert "give --grid 2x3" in verbs.said(*words, "--grid", "1x7", code=1)
-    too_many = verbs.said(*words, "--grid", "3x3", "--allow-missing", 0, code=1)
-    assert "3 of 9 markers" in too_many
+    assert "--grid takes 2 whole numbers" in verbs.said(*words, "--grid", "2*3", code=2)
+    for grid in ("1x7", "2x4"):
+        assert "give --grid 2x3" in verbs.said(*words, "--grid", grid, code=1)
+    assert "3 of 9 markers" in verbs.said(*words, "--grid", "3x3", "--allow-missing", 0, code=1)
 
 
 def test_the_verb_learns_the_lens_of_a_flat_grid(tmp_path: Path, verbs: Verbs) -> None:

@@ -153,7 +153,8 @@ def test_help_shows_no_none_and_verbs_that_write_take_overwrite(verb: str, verbs
         (("plot", "udp:7777"), "is a live source; record it first"),
         (("plot", "a", "b"), "Unrecognized options: b"),
         (("track", "a", "--workers=1.5"), "--workers takes a whole number, '1.5' is none"),
-        (("convert", "a", "b", "--size", "9x9"), "--size takes 2 whole numbers with blanks"),
+        (("convert", "a", "b", "--size", "9,9"), "2 whole numbers with a blank or an x"),
+        (("convert", "--crop", "1", "2", "3", "a", "b"), "--crop takes 4 whole numbers with"),
         (
             ("track", "a", "--polarity", "whites"),
             "--polarity cannot be 'whites'; did you mean 'white'? (valid: white",
@@ -164,7 +165,7 @@ def test_help_shows_no_none_and_verbs_that_write_take_overwrite(verb: str, verbs
         (("calibrate", "a", "--plot", "a.xyz"), "(valid endings: .png"),
         (("calibrate", "a", "-o", "a.xyz"), "(valid endings: .json)"),
         (("touch", "a", "-o", "a.parquet"), "(valid endings: .csv)"),
-        (("track", "a", "-o", "a.xyz"), "(valid endings: .npz, .csv, .parquet)"),
+        (("track", "a", "-o", "a.XYZ"), "(valid endings: .npz, .csv, .parquet)"),
         (("track", "a", "-o", "/dev/null"), "(valid endings: .npz, .csv, .parquet)"),
         (("compare", "a", "b", "--table", "a.xlsx"), "(valid endings: .csv)"),
         (("force", "fit", "a", "-o", "a.json"), "(valid endings: .onnx)"),

@@ -27,7 +27,7 @@ def errors_px(recording, config) -> tuple[np.ndarray, np.ndarray]:
     truth = recording.truth
     sensor = known(truth.reference_px, truth.radius_px)
     found = Tracks.of(follow([events], make_tracker(config.tracking, sensor), RATE_HZ), sensor)
-    return np.linalg.norm(found.detected_px - recording.true_px(found.t_us), axis=2), found.coasted
+    return np.linalg.norm(found.detected_px - recording.truth.at(found.t_us), axis=2), found.coasted
 
 
 @pytest.mark.parametrize("preset", ["default", "paper"])

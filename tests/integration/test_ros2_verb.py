@@ -128,6 +128,7 @@ def test_events_are_tracked_and_published(domain: str, tmp_path: Path, verbs: Ve
     assert said["messages"]["field"] == pytest.approx(600, abs=2)
     assert said["messages"]["events"] == pytest.approx(60, abs=2)
     assert said["messages"]["diagnostics"] == 1
+    assert "Ctrl-C ends" not in verbs.said("ros2", tmp_path, *given, "--rate-hz", "0", code=2)
 
 
 @pytest.mark.parametrize(

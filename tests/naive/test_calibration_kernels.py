@@ -10,13 +10,7 @@ from spikingtac.calibration.disc_profile import DiscProfile, Discs, draw_kernel
 from spikingtac.markers.calibration.corrections import Changes, _solved, corrections, rims
 from spikingtac.markers.calibration.find_markers import Evidence
 from spikingtac.markers.calibration.first_model import steps_of_counts
-from spikingtac.markers.calibration.ideal_pixels import (
-    PHASES,
-    SNAP_S,
-    Comparison,
-    Model,
-    compare,
-)
+from spikingtac.markers.calibration.ideal_pixels import PHASES, SNAP_S, Comparison, Model, compare
 from spikingtac.markers.calibration.level_maps import level_maps, swings_kernel
 from spikingtac.markers.calibration.recording import coded, times_at
 from spikingtac.markers.calibration.refine import with_rest_radii

@@ -130,7 +130,7 @@ def test_a_folder_is_written_where_one_stands(
 
 
 def test_replacing_must_be_asked_for(tmp_path: Path) -> None:
-    require_free(tmp_path / "a.csv", overwrite=False)
+    assert require_free(tmp_path / "a.CSV", overwrite=False, endings=(".csv",)) == ".csv"
     (tmp_path / "a.csv").touch()
     with pytest.raises(ConfigError, match="--overwrite"):
         require_free(tmp_path / "a.csv", overwrite=False)

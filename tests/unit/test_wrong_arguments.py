@@ -37,8 +37,8 @@ EVENTS = r"EventSource, given .*'a\.raw'.*; make one: spikingtac\.open_events"
         (lambda: st.CalibrationConfig(method="bounding_box"), "did you mean 'bounding-box'"),
         (lambda: st.CalibrationConfig(layout="hexagonal"), "layout: 'hexagonal' is not valid"),
         (lambda: st.CalibrationConfig(polarity="whte"), "did you mean 'white'.*valid: auto, white"),
-        (lambda: st.Calibration.load(3), "cannot read the calibration '3'"),  # type: ignore[arg-type]
-        (lambda: st.load_force(3), "cannot read '3'"),  # type: ignore[arg-type]
+        (lambda: st.Calibration.load(3), r"given int; make one: spikingtac\.Calibration\.load"),  # type: ignore[arg-type]
+        (lambda: st.load_force(3), "the path of a file, given int; .*load_force"),  # type: ignore[arg-type]
         (lambda: st.CalibrationConfig(grid="8x8"), "grid: expected a list, got '8x8'"),
         (lambda: st.CalibrationConfig(grid=(8, 8, 8)), "grid: expected 2 values, got 3"),
         (lambda: st.CalibrationConfig(pitch_mm="2.4"), "pitch_mm: expected float, got '2.4'"),
@@ -52,7 +52,9 @@ EVENTS = r"EventSource, given .*'a\.raw'.*; make one: spikingtac\.open_events"
         (lambda: st.make_detector(None, CONFIG.contact, [], []), "contact detector None"),  # type: ignore[arg-type]
         (lambda: list(st.follow([], "default", 9.0)), "MarkerTracker, given 'default'"),  # type: ignore[arg-type]
         (lambda: st.calibrate([], (8, 8)), "CalibrationConfig, given tuple"),  # type: ignore[arg-type]
-        (lambda: st.Tracks.load(None), "'None' holds no tracks: No such file"),  # type: ignore[arg-type]
+        (lambda: st.Tracks.load(None), r"a file, given NoneType; .*Tracks\.load"),  # type: ignore[arg-type]
+        (lambda: st.open_events(None), "a file, given NoneType; .*open_events"),  # type: ignore[arg-type]
+        (lambda: st.open_events(__file__, size="9x9"), "size: expected a list, got '9x9'"),  # type: ignore[arg-type]
         (lambda: st.open_arm(None), "no arm None"),  # type: ignore[arg-type]
         (lambda: st.calibrate(Path("a.raw")), EVENTS),
         (lambda: list(st.windows("a.raw", 1_000)), EVENTS),

@@ -19,7 +19,7 @@ from spikingtac.calibration.document import (
     pack_map,
 )
 from spikingtac.calibration.lens import Lens, SkinScale, mean_pitch_px
-from spikingtac.errors import CalibrationError
+from spikingtac.errors import PATH, CalibrationError, require_type
 from spikingtac.file_kinds import told_kind
 from spikingtac.types import FloatArray, one_line
 
@@ -160,9 +160,11 @@ class Calibration:
 
         Raises:
             CalibrationError: The file is missing, is no JSON, or a key is missing or unfit.
+            ConfigError: No path was given.
         """
+        require_type(path, PATH, "Calibration.load('calibration.json')")
         try:
-            document = json.loads(Path(str(path)).read_text(encoding="utf-8"))
+            document = json.loads(Path(path).read_text(encoding="utf-8"))
         except OSError as error:
             raise CalibrationError(
                 f"cannot read the calibration {str(path)!r}: {error.strerror}; {MAKE_ONE}"

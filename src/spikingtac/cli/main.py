@@ -93,7 +93,7 @@ _UNREADABLE = "; you may not read or write it: see its permissions with ls -l"
 _OF_THE_SYSTEM = {
     errno.ENOENT: (EXIT_INPUT, "; check the path"),
     errno.EISDIR: (EXIT_INPUT, "; a file is needed here"),
-    errno.ENOTDIR: (EXIT_INPUT, ""),
+    errno.ENOTDIR: (EXIT_INPUT, "; a folder is needed here"),
     errno.EACCES: (EXIT_INPUT, _UNREADABLE),
     errno.EPERM: (EXIT_INPUT, _UNREADABLE),
     errno.EROFS: (EXIT_MACHINE, "; choose a folder that can be written"),
@@ -205,7 +205,7 @@ def _parsed(arguments: type, verb: str, rest: list[str]) -> Any:
 
     from spikingtac.cli.options import HELP, check_given, description, for_help
 
-    check_given(arguments, verb, rest)
+    rest = check_given(arguments, verb, rest)
     told = io.StringIO()
     try:
         with contextlib.redirect_stderr(told):

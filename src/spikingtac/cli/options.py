@@ -31,6 +31,17 @@ POSITIVE = (
 OF_EVENTS = ("preset", "rate_hz", "sensor")  # Options of verbs that also read tracks.
 
 
+def whole_numbers(count: int, names: str) -> Any:
+    """Return the form of an option of so many numbers: of a plain tuple, the parser takes all."""
+    return tyro.constructors.PrimitiveConstructorSpec(
+        nargs=count,
+        metavar=names,
+        instance_from_str=lambda words: tuple(map(int, words)),
+        is_instance=lambda value: isinstance(value, tuple),
+        str_from_instance=lambda value: [str(value)],
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class JsonArgs:
     """The option of every verb.
@@ -190,7 +201,7 @@ def description(arguments: type) -> str:
     return "\n\n".join(textwrap.fill(" ".join(one.split()), **indented) for one in paragraphs)
 
 
-def check_given(arguments: type, verb: str, given: Sequence[str]) -> None:
+def check_given(arguments: type, verb: str, given: Sequence[str]) -> list[str]:
     """Refuse the first unknown option, and the first value that its option cannot take.
 
     The parser asks for what is missing before it says what is unknown, so that a mistyped option
@@ -201,16 +212,22 @@ def check_given(arguments: type, verb: str, given: Sequence[str]) -> None:
         verb: Its name, for the error.
         given: What was typed behind it.
 
+    Returns:
+        What the parser takes: 640x480 are two words.
+
     Raises:
         ConfigError: The verb has no such option, a number was needed, or one of some words; names
             the nearest one.
     """
     kinds = _options(arguments)
+    words, typed = list[str](), []
+    for word in given:
+        of_two = words and kinds.get(words[-1]) == tuple[int, int]
+        words += word.lower().split("x", 1) if of_two else [word]
     valid = [*kinds, "--help"]
-    typed = []
-    for word, following in zip(given, [*given, ""][1:], strict=True):
+    for place, word in enumerate(words, 1):
         name, equals, value = word.partition("=")
-        typed.append((name.replace("_", "-"), value if equals else following))
+        typed.append((name.replace("_", "-"), [value] if equals else words[place:]))
     for name, _ in typed:
         if name.startswith("--") and name != "--" and name not in valid:
             raise ConfigError(
@@ -218,8 +235,9 @@ def check_given(arguments: type, verb: str, given: Sequence[str]) -> None:
                 f"(valid: {', '.join(sorted(valid))})"
             )
     if HELP.isdisjoint(given):
-        for name, value in typed:
-            _check_value(name, value, kinds.get(name))
+        for name, values in typed:
+            _check_value(name, values, kinds.get(name))
+    return words
 
 
 def _options(arguments: type) -> dict[str, Any]:
@@ -240,11 +258,13 @@ def _options(arguments: type) -> dict[str, Any]:
     return found
 
 
-def _check_value(name: str, value: str, kind: Any) -> None:
-    several = typing.get_args(kind)
-    if {*several} == {int} and not value.removeprefix("-").isdecimal():
+def _check_value(name: str, values: list[str], kind: Any) -> None:
+    count, value = len(typing.get_args(kind)), values[0] if values else ""
+    whole = [one for one in values[:count] if one.removeprefix("-").isdecimal()]
+    if {*typing.get_args(kind)} == {int} and len(whole) < count:
+        between, given = "a blank or an x" if count == 2 else "blanks", " ".join(values[:count])
         raise ConfigError(
-            f"{name} takes {len(several)} whole numbers with blanks between them, {value!r} is none"
+            f"{name} takes {count} whole numbers with {between} between them, {given!r} is none"
         )
     if kind in (int, float):
         try:

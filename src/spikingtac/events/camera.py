@@ -97,13 +97,10 @@ class Address:
 
     def size(self, name: str) -> tuple[int, int] | None:
         """Return an option ``WIDTHxHEIGHT`` in px, or None where it is not given."""
-        text = self.options.get(name)
-        if text is None:
-            return None
-        found = _SIZE.fullmatch(text)
-        if found is None:
+        found = _SIZE.fullmatch(self.options.get(name, ""))
+        if found is None and name in self.options:
             raise self._misfit(name, "WIDTHxHEIGHT in px, as 320x320")
-        return int(found[1]), int(found[2])
+        return (int(found[1]), int(found[2])) if found else None
 
     def _misfit(self, name: str, valid: str) -> ConfigError:
         given = self.options.get(name)

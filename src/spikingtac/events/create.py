@@ -158,13 +158,9 @@ class Hdf5Writer(EventWriter):
     def close(self) -> None:
         """Complete the file; further calls do nothing."""
         if self._file:
-            try:
-                self._store("CD/events", self._events.rest)
-                self._store(TRIGGERS, self._edges.rest)
-                self._file.close()
-            except BaseException:
-                self.abandon()
-                raise
+            self._store("CD/events", self._events.rest)
+            self._store(TRIGGERS, self._edges.rest)
+            self._file.close()
             self._target.commit()
 
     def abandon(self) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 
 from spikingtac import plugins
-from spikingtac.errors import ConfigError, FormatError, RecordingError, nearest
+from spikingtac.errors import PATH, FormatError, RecordingError, nearest, require_type
 from spikingtac.events.camera import Address, is_address, is_stream
 from spikingtac.events.evt.raw import RawSource, later_parts, read_header
 from spikingtac.events.formats.file_source import (
@@ -17,12 +17,8 @@ from spikingtac.events.formats.file_source import (
     chosen_sensor,
 )
 from spikingtac.events.formats.pieces import FOREIGN, UTF16_MARKS
-from spikingtac.events.recording import (
-    RecordedClock,
-    RetimedSource,
-    name_of,
-    time_base_of,
-)
+from spikingtac.events.recording import RecordedClock, RetimedSource, name_of, time_base_of
+from spikingtac.events.source import OPENED
 from spikingtac.file_kinds import RECORDING_NAME, members_of, told_kind
 
 SAMPLE_BYTES = 1 << 16  # First bytes by which a file of an unknown ending is told.
@@ -63,16 +59,14 @@ def open_events(
             of its own.
         DeviceError: There is no such camera, or it refuses.
     """
-    if chunk_events < 1:
-        raise ConfigError(f"chunk_events is {chunk_events}, it must be at least 1")
     options = ReadOptions(
         strict=strict, chunk_events=chunk_events, encoding=encoding, size=size, sensor=sensor
     )
-    if is_stream(Path(path)):
+    require_type(path, PATH, OPENED)
+    if is_stream(place := Path(path)):
         from spikingtac.events.camera_source import CameraSource
 
         return CameraSource(Address.parse(path if is_address(path) else f"pipe:{path}"), options)
-    place = Path(path)
     if not place.is_dir():
         if not place.exists():
             raise RecordingError(f"there is no file {str(place)!r}; check the path")
@@ -124,13 +118,6 @@ def open_second(first: Path, second: Path, *, strict: bool = False) -> tuple[Fil
 def is_same_folder(first: Path, second: Path) -> bool:
     """Return whether two paths are one folder: then its second sensor is meant."""
     return first.is_dir() and second.is_dir() and first.samefile(second)
-
-
-def first_event_us(path: str | Path) -> int | None:
-    """Return the time of a recording's first event, us; None of a camera, which is read once."""
-    if is_stream(Path(path)):
-        return None
-    return next((int(packet.t[0]) for packet in open_events(path) if len(packet)), None)
 
 
 def _bags(folder: Path) -> list[Path]:

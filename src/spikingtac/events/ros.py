@@ -64,7 +64,8 @@ class RosSource(FileSource):
     """Events of one camera in a bag; EVT3 words keep their state from message to message.
 
     Sequence numbers that are left out count as ``gap``; messages that do not parse as
-    ``bad_record``, those of other encodings as ``unknown_message``.
+    ``bad_record``, those of other encodings as ``unknown_message``, those of other cameras as
+    ``other_data``.
 
     Args:
         path: A bag, or its first file.
@@ -136,7 +137,7 @@ class RosSource(FileSource):
             self.losses.add("truncated", int(log.is_file() and log.stat().st_size > 0))
             for message in messages_of(path, (*PACKETS, *ARRAYS), self.losses.add):
                 if topic is not None and message.topic != topic:
-                    self.losses.add("unknown_message")
+                    self.losses.add("other_data")
                     continue
                 try:
                     yield message.topic, _parsed(message)

@@ -28,7 +28,6 @@ def follow(
     tracker: MarkerTracker,
     rate_hz: float,
     losses: MutableMapping[str, int] | None = None,
-    origin_us: int | None = None,
 ) -> Iterator[MarkerFrame]:
     """Track a stream and yield the markers at a regular rate.
 
@@ -43,8 +42,6 @@ def follow(
         rate_hz: Estimates per second of data time.
         losses: What their source counts, for the health; that of ``packets`` unless given. The
             tracker's ``hot_pixels`` and ``silences`` are counted there, too.
-        origin_us: Time of the first estimate of the recording that ``packets`` are a part of, us:
-            the part is estimated at the same times as the whole.
 
     Raises:
         ConfigError: The rate is not between 0 and 1 MHz, or a path is given instead of packets.
@@ -59,8 +56,8 @@ def follow(
     if first is None:
         return
     begun_us = int(first.t[0])
-    times = EstimateTimes(begun_us if origin_us is None else origin_us, rate_hz)
-    yield tracker.estimate(times.at(times.index(begun_us))).with_health(meter.now())
+    times = EstimateTimes(begun_us, rate_hz)
+    yield tracker.estimate(begun_us).with_health(meter.now())
 
     def absorb(packet: EventPacket) -> None:
         tracker.absorb(packet)

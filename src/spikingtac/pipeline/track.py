@@ -119,10 +119,9 @@ def track_to_file(
     if force is not None:
         force.require(calibration.reference_px, "px")
     estimator = None if force is None else force.estimator()
-    writer = create_tracks(output, calibration.reference_px)
     counts = _Counts(len(calibration.reference_px))
     checked = CheckedSource(source, calibration)
-    try:
+    with create_tracks(output, calibration.reference_px) as writer:
         _mark(writer, source, before=True)
         frames = follow(checked, tracker, config.rate_hz, checked.losses)
         for frame, more in _told(frames, tracker, config):
@@ -134,15 +133,16 @@ def track_to_file(
             if counts.estimates % PROGRESS_EVERY == 0:
                 advance(source.progress)
         _mark(writer, source, before=False)
+        losses = dict(source.losses.kinds())
         found = {"health": source.counters().summary(), "calibration_misfit": checked.misfit}
-        writer.close({**_provenance(source, config), **calibration.scale(), **found})
-    except BaseException:
-        writer.abandon()
-        raise
+        about = {"config": {"tracking": to_mapping(config)}, "losses": losses}
+        read = {"input": source.path.name, "input_sha256": digest_of(source.path)}
+        version = {"package_version": package_version()}
+        writer.meta = {**about, **read, **version, **calibration.scale(), **found}
     return {
         **counts.summary(),
         "rate_hz": config.rate_hz,
-        "anomalies": dict(source.losses.kinds()),
+        "anomalies": losses,
         **found,
         "output": str(output),
     }
@@ -165,24 +165,13 @@ def _mark(writer: TracksWriter, source: FileSource | CheckedSource, before: bool
         return
     if before:
         deque(source, maxlen=0)
-    writer.mark(source.triggers.columns())
+    writer.triggers = source.triggers.columns()
 
 
 def _columns(wrench: Wrench) -> dict[str, FloatArray]:
     """Return a wrench by the keys of a file."""
     torque = {"torque_nm": wrench.values[3:]} if len(wrench.values) > 3 else {}
     return {"force_n": wrench.force_n, "force_sigma_n": wrench.force_sigma_n, **torque}
-
-
-def _provenance(source: FileSource | CheckedSource, config: TrackingConfig) -> dict[str, Any]:
-    """Return the metadata of tracks: configuration, input, version and losses."""
-    return {
-        "config": {"tracking": to_mapping(config)},
-        "input": source.path.name,
-        "input_sha256": digest_of(source.path),
-        "package_version": package_version(),
-        "losses": dict(source.losses.kinds()),
-    }
 
 
 def require_same_size(recorded: tuple[int, int], calibrated: tuple[int, int]) -> None:

@@ -26,9 +26,6 @@ MOST_CONTACTS = 12  # Contacts of a search unless told.
 # Least difference of the radii of hole and bit, mm; the plate's narrowest hole has 0.27.
 LEAST_CLEARANCE_MM = 0.1
 
-# Number of searches before an error: a false one of the first three contacts is not identified.
-SEARCHES = 2
-
 # Largest angle to the wall's normal of a head-on touch, rad: it is inside the friction cone of
 # 0.18, the least friction of steel on dry plastic.
 HEAD_ON_RAD = math.radians(10.0)
@@ -108,9 +105,9 @@ def probe_hole(
             return True
         return bool((hole_around(kept, travel).sigma_mm[:2] <= center_sigma_mm).all())
 
-    for _ in range(SEARCHES - 1):
-        with contextlib.suppress(_MisfitError):
-            return _search(prober, travel, start, is_enough)
+    # Which of the first three contacts was a false one is not known: search once more.
+    with contextlib.suppress(_MisfitError):
+        return _search(prober, travel, start, is_enough)
     return _search(prober, travel, start, is_enough)
 
 

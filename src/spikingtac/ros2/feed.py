@@ -10,7 +10,7 @@ from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import ConfigError
 from spikingtac.events.formats.file_source import FileSource
 from spikingtac.markers.registry import TrackingConfig, make_tracker
-from spikingtac.pipeline.follow import CheckedSource, follow
+from spikingtac.pipeline.follow import CheckedSource, check_rate, follow
 from spikingtac.pipeline.track import require_same_size
 from spikingtac.ros2.stream import SensorInfo, SensorStream
 from spikingtac.stream.paced import Pace, PacedSource
@@ -97,9 +97,10 @@ def feed_of_events(
         tell: Told once where the events contradict the calibration.
 
     Raises:
-        ConfigError: The force model is of another sensor.
+        ConfigError: The rate is out of range, or the force model of another sensor.
         CalibrationError: The calibration is for another size.
     """
+    check_rate(tracking.rate_hz)
     tracker, rest_px = make_tracker(tracking, calibration), calibration.reference_px
     require_same_size(events.size, calibration.size)
     paced, felt = PacedSource(events), _felt_by(force, rest_px)

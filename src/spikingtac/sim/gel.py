@@ -13,11 +13,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from spikingtac.schema import require_within
-from spikingtac.sim.gel_contact import KPA_PER_MPA, GelContact
+from spikingtac.sim.gel_contact import GelContact
 from spikingtac.sim.indenters import Indenter
 from spikingtac.sim.layer import GridConfig, LayerOperator, MarkerInterpolation
 from spikingtac.sim.optics import SkinState
-from spikingtac.types import US_PER_S, FloatArray, Pose
+from spikingtac.types import KPA_PER_MPA, US_PER_S, FloatArray, Pose
 
 # Retarded compliances J_i / J0 of the gel (a Kelvin chain) and their retardation times tau_i, s
 # (contract.md). They are a declared fit: no spectrum of the paper's gel is published.

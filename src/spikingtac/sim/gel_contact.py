@@ -17,9 +17,7 @@ from spikingtac.sim.gel_solvers import (
 )
 from spikingtac.sim.indenters import Indenter, SoftLayer
 from spikingtac.sim.layer import GridConfig, LayerOperator
-from spikingtac.types import FloatArray, Pose
-
-KPA_PER_MPA = 1e3  # Moduli are configured in kPa; tractions are in N/mm², which is MPa.
+from spikingtac.types import KPA_PER_MPA, FloatArray, Pose
 
 KINETIC_RATIO = 0.8  # Friction of a slipping cell over that of a sticking one (dry silicone).
 TOLERANCE_MM = 1e-4  # Error of the displacement at which the iterations end, mm (0.002 px).

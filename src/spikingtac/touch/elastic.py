@@ -20,7 +20,7 @@ from scipy.special import jv
 from spikingtac.errors import ConfigError
 from spikingtac.schema import require_within
 from spikingtac.touch.series import N_MM_PER_NM, WrenchSeries
-from spikingtac.types import FloatArray
+from spikingtac.types import KPA_PER_MPA, FloatArray
 
 # Limit of kh, before cosh overflows; 1/cosh² is zero in double precision long before.
 MAX_ARGUMENT = 300.0
@@ -52,7 +52,6 @@ def layer_response(
     return normal, np.where(flat, 0.0, x**2 * sech2 * scale), along, across
 
 
-KPA_PER_MPA = 1e3
 WAVENUMBERS = 400  # Steps of the integral over wavenumbers (800 give the same to 1e-4).
 
 # Largest wavenumber times smoothing radius; the smoothing leaves exp(-32) there.

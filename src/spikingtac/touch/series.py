@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikingtac.errors import RecordingError
+from spikingtac.errors import PATH, RecordingError, require_type
 from spikingtac.events.align import load_poses
 from spikingtac.events.formats.array_file import load_arrays, load_truth
 from spikingtac.types import US_PER_DAY, FloatArray, one_line
@@ -86,6 +86,7 @@ def load_series(path: str | Path) -> WrenchSeries:
     Raises:
         RecordingError: The file cannot be read or holds neither.
     """
+    require_type(path, PATH, "touch.load_series('contacts.npz')")
     values = load_arrays(path, "displacements, which spikingtac track RECORDING makes")
     unit = "mm" if "displacement_mm" in values else "px"
     try:

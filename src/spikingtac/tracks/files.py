@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from spikingtac.atomic_files import WholeFile, require_free, write_text
 from spikingtac.errors import import_extra
 from spikingtac.events.formats.array_file import ColumnFile, Specs
-from spikingtac.events.formats.codec import TRIGGERS
+from spikingtac.events.formats.codec import TRIGGERS, WrittenWhole
 from spikingtac.types import FloatArray, MarkerFrame
 
 Columns = Mapping[str, NDArray[Any]]  # Key of a file -> values.
@@ -201,7 +201,7 @@ class _ParquetTable:
         self._target.abandon(self._stream)
 
 
-class TracksWriter:
+class TracksWriter(WrittenWhole):
     """Takes frames one by one, and writes them at constant memory.
 
     Args:
@@ -210,13 +210,15 @@ class TracksWriter:
 
     Attributes:
         marks_rows: Whether trigger edges mark the rows, and must be told before them.
+        triggers: The trigger edges, by their keys in a file.
+        meta: What the file says of the whole; all that is known at the end.
     """
 
     def __init__(self, file: _Archive | _CsvTable | _ParquetTable, markers: int) -> None:
-        self._file, self._markers = file, markers
+        self._file, self._markers, self.meta = file, markers, dict[str, Any]()
         self.marks_rows = not isinstance(file, _Archive)
         self._frames: list[tuple[MarkerFrame, Columns]] = []
-        self._triggers: Columns = {}
+        self.triggers: Columns = {}
         self._last_us: int | None = None
 
     def write(self, frame: MarkerFrame, measured: Columns | None = None) -> None:
@@ -225,15 +227,11 @@ class TracksWriter:
         if len(self._frames) == FRAMES_PER_CHUNK:
             self._flush()
 
-    def mark(self, triggers: Columns) -> None:
-        """Tell the trigger edges by their keys in a file: where rows are marked, first."""
-        self._triggers = triggers
-
-    def close(self, meta: Mapping[str, Any]) -> None:
-        """Complete the file with what is known at the end; only then it appears."""
+    def close(self) -> None:
+        """Complete the file; only then it appears."""
         if self._frames or self._last_us is None:  # also where no frame came
             self._flush()
-        self._file.close(meta, self._triggers)
+        self._file.close(self.meta, self.triggers)
 
     def abandon(self) -> None:
         """Give up: leave what was there before."""
@@ -245,7 +243,7 @@ class TracksWriter:
         for name in frames[0][1] if frames else ():
             columns[name] = np.stack([row[name] for _, row in frames]).astype(np.float32)
         if self.marks_rows and frames:
-            columns |= trigger_column(columns["t_us"], self._triggers, self._last_us)
+            columns |= trigger_column(columns["t_us"], self.triggers, self._last_us)
         self._file.append(columns)
         self._last_us = frames[-1][0].t_us if frames else None
 
@@ -265,6 +263,5 @@ def create_tracks(path: str | Path, reference_px: FloatArray) -> TracksWriter:
         ConfigError: The ending is none of these, or the folder does not exist.
         MissingExtraError: ``.parquet`` needs the extra ``[parquet]``.
     """
-    target = Path(path)
-    require_free(target, True, tuple(FORMS))
-    return TracksWriter(FORMS[target.suffix](target, reference_px), len(reference_px))
+    form = FORMS[require_free(path, True, tuple(FORMS))]
+    return TracksWriter(form(Path(path), reference_px), len(reference_px))

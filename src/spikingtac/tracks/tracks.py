@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from spikingtac.calibration.lens import SkinScale
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import ConfigError, RecordingError, import_extra
+from spikingtac.errors import PATH, ConfigError, RecordingError, import_extra, require_type
 from spikingtac.events.formats.array_file import load_arrays, require_shapes
 from spikingtac.events.formats.codec import TRIGGERS
 from spikingtac.file_kinds import kind_of, told_kind
@@ -123,9 +123,11 @@ class Tracks:
 
         Raises:
             RecordingError: The file cannot be read or holds no tracks.
+            ConfigError: No path was given.
         """
+        require_type(path, PATH, "Tracks.load('tracks.npz')")
         try:
-            values: dict[str, Any] = load_arrays(str(path), "tracks")
+            values: dict[str, Any] = load_arrays(path, "tracks")
             meta = json.loads(str(values.pop("meta")))
             if not isinstance(meta, dict):
                 raise ValueError("meta is no JSON object")
@@ -146,16 +148,12 @@ class Tracks:
             ConfigError: The ending is another, or the folder does not exist.
             MissingExtraError: ``.parquet`` needs the extra ``[parquet]``.
         """
-        writer = create_tracks(path, self.reference_px.astype(np.float64))
         felt = self._known((SIGMA, *FORCES))
-        writer.mark(self._known(TRIGGERS))
-        try:
+        with create_tracks(path, self.reference_px.astype(np.float64)) as writer:
+            writer.meta = self.meta
+            writer.triggers = self._known(TRIGGERS)
             for number, frame in enumerate(self.frames()):
                 writer.write(frame, {name: values[number] for name, values in felt.items()})
-            writer.close(self.meta)
-        except BaseException:
-            writer.abandon()
-            raise
 
     def frames(self) -> Iterator[MarkerFrame]:
         """Yield the estimates one by one."""

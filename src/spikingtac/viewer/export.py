@@ -102,15 +102,14 @@ def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) 
             no length was given, or nothing was tracked.
         MissingExtraError: The format needs an extra.
     """
-    target = Path(path)
-    require_free(target, True, ENDINGS)
-    with replacing(target) as partial:
-        if target.suffix in PICTURE_ENDINGS:
+    ending = require_free(path, True, ENDINGS)
+    with replacing(path) as partial:
+        if ending in PICTURE_ENDINGS:
             summarize(view, seconds=seconds, picture=partial)
             return 1
-        if target.suffix == ".mcap":
+        if ending == ".mcap":
             return _export_mcap(view, partial, seconds)
-        if target.suffix == ".mp4":
+        if ending == ".mp4":
             pictures = _draw_stretch(view, VIDEO_FRAME_MS, VIDEO_COLORS, seconds)
             write_mp4(pictures, VIDEO_FRAME_MS, partial)
         else:

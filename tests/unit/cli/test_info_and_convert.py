@@ -66,9 +66,10 @@ def converted(recorded: Path, *options: str) -> EventPacket:
 
 def test_convert_cuts_crops_flips_turns_and_shifts(recorded: Path) -> None:
     events = whole(open_events(recorded))
-    options = ["--from-us", "5000", "--to-us", "20100", "--flip-polarity", "--shift-us", "-100"]
-    options += ["--crop", "4", "2", "20", "24", "--flip", "x", "--rotate", "90"]
-    found = converted(recorded, *options)
+    times = ["--from-us", "5000", "--to-us", "20100", "--flip-polarity", "--shift-us", "-100"]
+    found = converted(
+        recorded, *times, "--crop", "4", "2", "20", "24", "--flip", "x", "--rotate", "90"
+    )
     inside = (events.x >= 4) & (events.x < 20) & (events.y >= 2)
     inside &= (events.t >= 5_000) & (events.t < 20_100)
     x, y = events.x[inside].astype(int) - 4, events.y[inside].astype(int) - 2
@@ -77,7 +78,8 @@ def test_convert_cuts_crops_flips_turns_and_shifts(recorded: Path) -> None:
     np.testing.assert_array_equal(found.y, 15 - x)  # x was mirrored first
     np.testing.assert_array_equal(found.t, events.t[inside] - 100)
     np.testing.assert_array_equal(found.p, ~events.p[inside])
-    assert converted(recorded, "--size", "64", "48").size == (64, 48)
+    for given in (["64", "48"], ["64x48"]):
+        assert converted(recorded, "--size", *given).size == (64, 48)
 
 
 def test_convert_drops_hot_pixels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

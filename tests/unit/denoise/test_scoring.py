@@ -32,9 +32,8 @@ def recording() -> CleanRecording:
     clip = moving_disc()
     y, x = np.nonzero(clip.start)
     second = np.array([[x.mean(), y.mean()], [200.0, 200.0]])  # beyond the border: never found
-    radius = np.full(2, RADIUS_PX)
-    truth = GroundTruth(np.zeros(1, np.int64), np.zeros((1, 2, 2)), second, radius, 0)
-    return CleanRecording("disc", clip.events, truth, "twin")
+    still = np.zeros(1, np.int64), np.zeros((1, 2, 2)), second, np.full(2, RADIUS_PX)
+    return CleanRecording("disc", clip.events, GroundTruth(*still, 0), "twin")
 
 
 def excess(recording: CleanRecording, noise_hz: float, drop: float, kind="binary"):

@@ -124,15 +124,19 @@ def test_a_cut_chunk_of_a_ros1_bag_gives_what_can_be_read_of_it(tmp_path: Path, 
         opened(tmp_path / "a.bag", cut)
 
 
-def test_text_that_is_not_utf8_is_no_internal_error(tmp_path: Path) -> None:
+def test_names_out_of_utf8_and_another_camera_are_no_damage(tmp_path: Path) -> None:
     write_db3(tmp_path / "a.db3", messages())
     with sqlite3.connect(tmp_path / "a.db3") as base:
-        base.execute("UPDATE topics SET name = CAST(X'FF2F65' AS TEXT)")
+        base.executescript(
+            "UPDATE topics SET name = CAST(X'FF2F65' AS TEXT);"
+            "INSERT INTO topics SELECT 2, '/other', type FROM topics;"
+            "INSERT INTO messages SELECT id, 2, timestamp, data FROM messages"
+        )
     base.close()
-    assert rows(*open_events(tmp_path / "a.db3")) == expected()
+    assert rows(*open_events(tmp_path / "a.db3", sensor=1, strict=True)) == expected()
     (tmp_path / "a.db3-wal").write_bytes(b"messages")
-    source = open_events(tmp_path / "a.db3")
-    assert (rows(*source), dict(source.losses)) == (expected(), {"truncated": 1})
+    source = open_events(tmp_path / "a.db3", sensor=1)
+    assert (rows(*source), source.losses) == (expected(), {"truncated": 1, "other_data": 60})
     (tmp_path / "a.db3").write_bytes((tmp_path / "a.db3").read_bytes()[:5_000])
     with pytest.raises(FormatError, match="is cut before its first readable message of events"):
         open_events(tmp_path / "a.db3")

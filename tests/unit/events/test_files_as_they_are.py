@@ -79,6 +79,11 @@ TEXTS: dict[str, str] = {
     "cells that may be empty": table("txnypm", "\t", n=np.where(P, "", "a b"), m="", p=WORDS),
     "commas at the ends": table(mark=", ").replace("\n", ", \n"),
     "two times": table("xysnp", head="x,y,t.sec,t.nanosec,p\n", s=T // 10**6, n=PARTS["nsecs"]),
+    "whole seconds since 1970, and the rest": table(
+        "xysfp", head="x,y,t_s,t_frac,p\n", s=T // 10**6 + 1_700_000_000, f=T % 10**6 / 1e6
+    ),
+    "a unit of two words": table(head="t (micro-seconds),x,y,p\n"),
+    "the mark of a spreadsheet": table(mark=";", head="sep=;\nt;x;y;p\n"),
     "UTF-16": table(head="t,x,y,p\n"),
     "Latin-1": table(head="time (µs),x,y,p\n"),
     "nanoseconds since 1970": table(t=T * 1_000 + 1_700_000_000 * 10**9),
@@ -117,12 +122,14 @@ def test_rows_out_of_order_are_sorted_and_counted(tmp_path: Path, mark: str, t: 
         ("t_s,t_us,x,y,p\n0.5,500000,2,3,1\n1.5,1500000,2,3,0\n", "twice"),
         ("time [0.1 ms],x,y,p\n1,2,3,1\n", "lacks t; wanted are columns of time"),
         ("[1, 2, 3, 1]\n[4, 5, 6, 0]\n", r"as '\[1,2,3,1\]', have 4 columns, but time"),
-        ("t,x,y,p\n1,2,3\n4,5,6\n", "columns, but time, x, y and polarity are needed"),
+        ("t,x,y,p\n1,2,3\n4,5,6\n", "3 columns and the header 4, but time, x, y and polarity"),
+        ('t x y p\n"1" 15 2 3 1\n"2" 25 3 4 0\n', "5 columns and the header 4, but time"),
         ("t,x,y,p\n", "holds no events: nothing was recorded"),
         ("t,x,y,p\n2024-01-01,1,2,1\n", r"none can be read \(bad_record 1\)"),
         ("0,1,2,1\n1,2,3,0\n", r"several ways: x,y,t,p; t,x,y,p"),
         ("1.5,2.5,3.5,1\n2.5,4.5,6.5,0\n", "fit no order"),
         ("t,x,y,p\n1,2,3,17\n2,3,4,99\n", "the polarity holds 17, 99"),
+        ("t,x,y,p\n1,2,3,0\n2,3,4,-1\n", "the polarity holds -1, 0; valid"),
     ],
 )
 def test_what_cannot_be_told_is_refused(tmp_path: Path, text: str, told: str) -> None:
@@ -204,7 +211,7 @@ def e2vid(file: Any) -> None:
     file["events"].attrs["sensor_resolution"] = np.array([260, 346])
 
 
-HDF5: dict[str, Callable[[Any], None]] = {
+HDF5: dict[str, Callable[[Any], object]] = {
     "v2e": lambda file: file.create_dataset("events", data=rows("txyp", np.uint32), chunks=(97, 4)),
     "MVSEC": mvsec,
     "M3ED": m3ed,
@@ -212,6 +219,10 @@ HDF5: dict[str, Callable[[Any], None]] = {
     "OpenEB": openeb,
     "e2vid": e2vid,
     "seconds and nanoseconds": lambda file: file.update(PARTS),
+    "an attribute's unit": lambda file: (
+        group(file, "events", t=T * 1_000),
+        file["events/t"].attrs.update(units="nanoseconds"),
+    ),
     "columns at the root": lambda file: group(file, ""),
     "MATLAB's rows": lambda file: group(file, "events", axes=(1, -1)),
     "MATLAB's columns": lambda file: group(file, "events", axes=(-1, 1)),

@@ -199,7 +199,7 @@ def test_impossible_sizes_are_refused(tmp_path: Path, size: tuple[int, int]) -> 
     with pytest.raises(FormatError, match="not possible"):
         open_events(tmp_path / "a.npz")
     save(tmp_path / "b.npz")
-    with pytest.raises(FormatError, match=r"not possible .* --size W H"):
+    with pytest.raises(FormatError, match=r"not possible .* --size WxH"):
         open_events(tmp_path / "b.npz", size=size)
 
 

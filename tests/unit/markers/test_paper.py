@@ -70,14 +70,7 @@ def test_a_refreshed_map_forgets_its_noise_and_no_marker() -> None:
     assert set(np.unique(state_map.values)) == {0.0, 1.0}
 
 
-@pytest.mark.parametrize(
-    "values",
-    [
-        {"threshold": 0.0},
-        {"support_us": -1},
-        {"refresh_us": -1},
-    ],
-)
+@pytest.mark.parametrize("values", [{"threshold": 0.0}, {"support_us": -1}, {"refresh_us": -1}])
 def test_unfit_settings_are_refused(values: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=next(iter(values))):
         BlobTrackerConfig(**values)

@@ -33,10 +33,10 @@ def frame(t_us: int) -> MarkerFrame:
 
 
 def written(path: Path, count: int) -> Path:
-    writer = create_tracks(path, REFERENCE_PX)
-    for k in range(count):
-        writer.write(frame(1_000 * k))
-    writer.close({"losses": {"gap": 2}})
+    with create_tracks(path, REFERENCE_PX) as writer:
+        writer.meta = {"losses": {"gap": 2}}
+        for k in range(count):
+            writer.write(frame(1_000 * k))
     return path
 
 

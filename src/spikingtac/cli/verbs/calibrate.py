@@ -1,6 +1,5 @@
 """``spikingtac calibrate``: learn where the markers rest and how they look; check recordings."""
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +14,9 @@ from spikingtac.atomic_files import require_free, write_json
 from spikingtac.calibration.document import OWN
 from spikingtac.cli import messages
 from spikingtac.cli.messages import Advance, Table, figures, no_progress, progress, remark, tell
+from spikingtac.cli.options import whole_numbers
 from spikingtac.cli.recordings import ManyArgs, Work, means_many, run_many, the_only_one
-from spikingtac.cli.sources import ending_on_interrupt, fitting
+from spikingtac.cli.sources import anomalies_of, ending_on_interrupt, fitting
 from spikingtac.file_kinds import kind_of
 from spikingtac.markers.calibration.lattice import LayoutKind
 from spikingtac.markers.calibration.reference import Method
@@ -75,7 +75,7 @@ class Args(ManyArgs):
     ]
     check: Annotated[Path | None, tyro.conf.arg(metavar="CALIBRATION")] = None
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("calibration.json")
-    grid: Annotated[str | None, tyro.conf.arg(metavar="ROWSxCOLUMNS")] = None
+    grid: Annotated[tuple[int, int] | None, whole_numbers(2, "ROWSxCOLUMNS")] = None
     layout: LayoutKind = "auto"
     pitch_mm: float | None = None
     lens: bool = False
@@ -101,9 +101,9 @@ def run(args: Args) -> int:
         return _set_scale(args, recording)
     args.claim(args.output, endings=ENDINGS)
     args.claim(args.plot, endings=PICTURE_ENDINGS)
-    same = ("pitch_mm", "lens", "polarity", "layout", "method", "allow_missing")
+    same = ("grid", "pitch_mm", "lens", "polarity", "layout", "method", "allow_missing")
     given = {name: getattr(args, name) for name in same}
-    config = st.CalibrationConfig(grid=_grid_shape(args.grid), **given)
+    config = st.CalibrationConfig(**given)
     source = args.open(recording)
     seen: st.EventSource = source
     if args.until_ready or events.is_stream(recording):
@@ -114,7 +114,7 @@ def run(args: Args) -> int:
     calibration.save(args.output)
     if args.plot is not None:
         save_calibration_plot(calibration, args.plot)
-    found = summary(calibration) | {"anomalies": dict(source.losses.kinds())}
+    found = summary(calibration) | {"anomalies": anomalies_of(source)}
     written = f"written: {args.output}" + (f", {args.plot}" if args.plot else "")
     shown = (_table(calibration, found, args), *_notes(calibration, found), written)
     return tell(args.json, {"output": str(args.output), **found}, *shown)
@@ -160,16 +160,6 @@ def _guided(
             getattr(source, "close", bool)()  # a recording has none
             break
     remark(guide.view().progress_line())
-
-
-def _grid_shape(text: str | None) -> tuple[int, int] | None:
-    """Return ``(rows, columns)`` from text such as ``8x8``."""
-    if text is None:
-        return None
-    found = re.fullmatch(r"([1-9]\d*)x([1-9]\d*)", text.lower())
-    if found is None:
-        raise st.ConfigError(f"--grid is {text!r}, valid is ROWSxCOLUMNS, such as 8x8 or 7x10")
-    return int(found[1]), int(found[2])
 
 
 def summary(calibration: st.Calibration) -> dict[str, Any]:

@@ -23,7 +23,6 @@ from spikingtac.cli.sources import (
     open_two,
     require_live,
 )
-from spikingtac.events.open import first_event_us
 from spikingtac.events.recording import name_of
 
 CALIBRATION = "calibration.json"
@@ -230,14 +229,16 @@ def _calibrations(args: Args, sources: Sequence[events.FileSource]) -> list[st.C
 
 
 def _table(document: dict[str, Any], recording: Path) -> Table:
-    quiet, begin_us = document["quiet"], first_event_us(recording)
+    # A camera is read once.
+    packets = () if events.is_stream(recording) else st.open_events(recording)
+    begin_us = next((int(packet.t[0]) for packet in packets if len(packet)), None)
     title = (
         f"{'contacts' if document['contacts'] else 'no contact'} in {recording.name} by "
         f"{document['detector']}, at most "
         f"{document['budget_per_hour']:g} false per hour; times from "
         f"{'zero' if begin_us is None else 'its first event'}"
     )
-    if "mean" in quiet:
+    if "mean" in (quiet := document["quiet"]):
         figures = "; quiet: {seconds:g} s, {mean:.2f} events/ms, variance {variance:.2f}"
         title += figures.format_map(quiet)
     rows = []

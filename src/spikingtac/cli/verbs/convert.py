@@ -11,9 +11,9 @@ import spikingtac as st
 from spikingtac import events
 from spikingtac.batch.inputs import find_recordings
 from spikingtac.cli.messages import Advance, Table, counted, figures, progress, tell
-from spikingtac.cli.options import Output, WriteArgs
+from spikingtac.cli.options import Output, WriteArgs, whole_numbers
 from spikingtac.cli.recordings import ManyArgs, Work, means_many, run_many, run_one, the_only_one
-from spikingtac.cli.sources import ending_on_interrupt
+from spikingtac.cli.sources import anomalies_of, ending_on_interrupt
 from spikingtac.datasets.export import data_set, write_zarr
 from spikingtac.datasets.lerobot import write_lerobot
 
@@ -34,7 +34,7 @@ class Args(ManyArgs):
         from_us: First microsecond to keep.
         to_us: First microsecond after the part to keep.
         flip_polarity: Exchange ON and OFF, so that dark markers read as white ones.
-        size: Size of the sensor, px, whatever the file says of it.
+        size: Size of the sensor, px, whatever the file says of it: 640x480 or 640 480.
         crop: Part to keep, px: first column and row, those after the last; its corner is the
             origin.
         flip: Mirror what --crop keeps: x exchanges left and right, y top and bottom.
@@ -50,8 +50,8 @@ class Args(ManyArgs):
     from_us: int | None = None
     to_us: int | None = None
     flip_polarity: bool = False
-    size: Annotated[tuple[int, int] | None, tyro.conf.arg(metavar="W H")] = None
-    crop: Annotated[tuple[int, int, int, int] | None, tyro.conf.arg(metavar="X0 Y0 X1 Y1")] = None
+    size: Annotated[tuple[int, int] | None, whole_numbers(2, "W H")] = None
+    crop: Annotated[tuple[int, int, int, int] | None, whole_numbers(4, "X0 Y0 X1 Y1")] = None
     flip: Literal["x", "y"] | None = None
     rotate: Literal[90, 180, 270] | None = None
     shift_us: int = 0
@@ -109,7 +109,7 @@ def convert_one(args: Args, path: Path, target: Path, advance: Advance) -> dict[
         "events": written,
         "triggers": len(source.triggers),
         "hot_pixels_dropped": 0 if hot_px is None else len(hot_px),
-        "anomalies": dict(source.losses.kinds()),
+        "anomalies": anomalies_of(source),
         "health": source.counters().summary(),
         "notes": notes,
     }

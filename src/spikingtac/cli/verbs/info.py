@@ -13,7 +13,7 @@ import spikingtac as st
 from spikingtac import events
 from spikingtac.cli.messages import Table, figures, progress, remark, tell
 from spikingtac.cli.options import ReadArgs
-from spikingtac.cli.sources import ending_on_interrupt
+from spikingtac.cli.sources import anomalies_of, ending_on_interrupt
 from spikingtac.events.formats.codec import KINDS
 from spikingtac.events.recording import read_manifest
 from spikingtac.file_kinds import RECORDING_NAME, TOLD, digest_of, document_of, kind_of
@@ -161,7 +161,7 @@ def _summary(source: events.FileSource) -> dict[str, Any]:
         "peak_rate_mev_s": peak / PEAK_WINDOW_US,
         "triggers": len(source.triggers),
         "trigger_channels": source.triggers.channels(),
-        "anomalies": dict(source.losses.kinds()),
+        "anomalies": anomalies_of(source),
         "health": source.counters().summary(),
         **_told_by_the_camera(source, count),
     }

@@ -11,6 +11,7 @@ from spikingtac import events
 from spikingtac.batch.run import write_rows
 from spikingtac.cli.messages import counted, figures, tell, warn
 from spikingtac.cli.options import Output, WriteArgs
+from spikingtac.cli.sources import anomalies_of
 from spikingtac.file_kinds import TOLD, digest_of, kind_of
 from spikingtac.plots.figure import PICTURE_ENDINGS, EventKind, ThemeName, WidthName, save_figure
 from spikingtac.plots.tracks import Kind, plot_comparison
@@ -70,7 +71,7 @@ def run(args: Args) -> int:
     if kind not in valid:
         what = "tracks" if tracked else "a recording"
         raise st.ConfigError(f"--kind {kind} is not for {what} (valid: {', '.join(valid)})")
-    animated = output.suffix == ".gif"
+    animated = output.suffix.lower() == ".gif"
     args.refuse("is for an animation: -o field.gif", "from_s", "to_s", "slow", where=not animated)
     if animated and not tracked:
         raise st.ConfigError("a .gif shows tracks; spikingtac view RECORDING --export shows events")
@@ -93,7 +94,7 @@ def _of_events(args: Args, output: Path, kind: str) -> dict[str, Any]:
     save_figure(plot_events(found, kind, theme=args.theme, width=args.width), output)
     count, hot_px = int(found.counts.sum()), found.hot_px.tolist()
     told = {"pictures": 1, "at_us": found.at_us, "events": count, "hot_px": hot_px}
-    return told | {"anomalies": dict(source.losses.kinds())}
+    return told | {"anomalies": anomalies_of(source)}
 
 
 def _of_tracks(args: Args, output: Path, kind: str) -> dict[str, Any]:
@@ -101,7 +102,7 @@ def _of_tracks(args: Args, output: Path, kind: str) -> dict[str, Any]:
 
     tracks = st.Tracks.load(args.source)
     style: dict[str, Any] = {"theme": args.theme, "width": args.width}
-    if output.suffix == ".gif":
+    if output.suffix.lower() == ".gif":
         stretch_s = args.from_s, args.to_s
         pictures = save_animation(tracks, output, stretch_s=stretch_s, slow=args.slow, **style)
         return {"pictures": pictures, **tracks.summary()}

@@ -15,7 +15,7 @@ import tyro
 import spikingtac as st
 from spikingtac.cli.messages import remark, tell, warn
 from spikingtac.cli.options import OF_EVENTS, ReadArgs, TrackerArgs
-from spikingtac.cli.sources import ending_on_interrupt
+from spikingtac.cli.sources import anomalies_of, ending_on_interrupt
 from spikingtac.file_kinds import kind_of
 
 if TYPE_CHECKING:
@@ -148,9 +148,7 @@ def publish(args: PublishArgs, feed: Feed, publisher: Publisher, told: str, **se
     from spikingtac.stream.reader import no_longer_than
     from spikingtac.stream.real_time import exempt_from_collection
 
-    def anomalies() -> dict[str, int]:
-        return {} if feed.source is None else dict(feed.source.losses.kinds())
-
+    sources = [] if feed.source is None else [feed.source]
     stream = SensorStream(publisher, replace(feed.sensor, name=args.source.name), **settings)
     remark(f"{told}; Ctrl-C ends")
     exempt_from_collection()  # a collection in the middle would hold up 200 frames
@@ -166,7 +164,7 @@ def publish(args: PublishArgs, feed: Feed, publisher: Publisher, told: str, **se
         with no_longer_than(feed.source, args.seconds):
             for frame, wrench in feed.frames(stream):
                 feed.pace.behind_ms()
-                stream.frame(frame, wrench, anomalies())
+                stream.frame(frame, wrench, anomalies_of(*sources))
                 first_us = frame.t_us if first_us is None else first_us
                 over = args.seconds is not None and frame.t_us - first_us >= args.seconds * 1e6
                 if stop.is_set() or over:
@@ -178,7 +176,7 @@ def publish(args: PublishArgs, feed: Feed, publisher: Publisher, told: str, **se
         "seconds": round(time.monotonic() - begun_s, 3),
         "largest_lag_ms": round(feed.pace.most_ms, 3),
         "messages": dict(sorted(stream.counts.items())),
-        "anomalies": anomalies(),
+        "anomalies": anomalies_of(*sources),
     }
     sent = ", ".join(f"{count} {name}" for name, count in found["messages"].items()) or "nothing"
     return tell(args.json, found, f"published {sent}; at most {feed.pace.most_ms:.0f} ms behind")

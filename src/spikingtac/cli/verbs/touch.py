@@ -16,7 +16,7 @@ from spikingtac.calibration.lens import SkinScale
 from spikingtac.cli.messages import Advance, Table, counted
 from spikingtac.cli.options import OF_EVENTS, Output, TrackerArgs
 from spikingtac.cli.recordings import ManyArgs, SecondArgs, Work, run_each
-from spikingtac.cli.sources import checked, ending_on_interrupt, fitting
+from spikingtac.cli.sources import anomalies_of, checked, ending_on_interrupt, fitting
 from spikingtac.file_kinds import kind_of
 
 VIBRATION_WINDOW_S = 1.0  # Length of a spectrum of vibration, s: bins of 1 Hz.
@@ -168,7 +168,7 @@ def _of_events(args: Args, recording: Path | events.FileSource, advance: Advance
     with ending_on_interrupt(source):
         found = _listed(args, frames(), skin)
     health = source.counters().summary() or None
-    return found | {"anomalies": dict(source.losses.kinds()), "health": health}
+    return found | {"anomalies": anomalies_of(source), "health": health}
 
 
 def _of_series(args: Args, path: Path) -> dict[str, Any]:

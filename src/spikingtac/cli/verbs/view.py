@@ -82,9 +82,9 @@ def run(args: Args) -> int:
     }
     target = args.export or args.picture
     save = SaveTarget(path=args.save_calibration, overwrite=args.overwrite, anew=args.calibrate)
-    if target is not None and (args.export or target.suffix not in PICTURE_ENDINGS):
+    if target is not None and (args.export or target.suffix.lower() not in PICTURE_ENDINGS):
         # Events alone make a picture; what else is exported holds markers.
-        alone = {"save": save} if target.suffix in PICTURE_ENDINGS else {}
+        alone = {"save": save} if target.suffix.lower() in PICTURE_ENDINGS else {}
         summary = _exported(partial(open_view, **given, **alone), args, target)
     else:
         summary = _shown(partial(open_view, **given, save=save), args, realtime=args.realtime)
@@ -134,7 +134,7 @@ def _shown(opener: Opener, args: PageArgs, **session: bool) -> dict[str, Any]:
 def _report(source: str, summary: dict[str, Any], as_json: bool) -> int:
     shown = summary | {"calibration": summary.get("calibration") or "none"}
     if "written" in summary:
-        unit = "messages" if summary["export"].endswith(".mcap") else "frames"
+        unit = "messages" if summary["export"].lower().endswith(".mcap") else "frames"
         shown["written"] = f"{summary['written']} {unit}"
     untracked = [] if summary.get("written", 1) else [UNTRACKED]
     table = figures(f"summary of {source}", shown)

@@ -27,7 +27,7 @@ KINDS: dict[str, str] = {
     "gap": "a stretch is missing: time words or sequence numbers that always follow do not",
     "silences": "stretches without any event, though the camera has noise; markers were followed",
     "unsorted": "rows that came before their predecessor in time; sorted",
-    "other_data": "frames, samples of an IMU and other data beside the events; left out, no loss",
+    "other_data": "frames, samples of an IMU, other cameras beside the events; left out, no loss",
     "trigger": "external trigger edges; delivered apart, no loss",
     "padding": "padding words; no loss",
     "vendor_word": "words for vendor extensions (others, continued); skipped, no loss",
@@ -170,10 +170,13 @@ class WrittenWhole(ABC):
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        if kind is None:
+        if kind is not None:
+            return self.abandon()
+        try:
             self.close()
-        else:
+        except BaseException:
             self.abandon()
+            raise
 
 
 class EventWriter(WrittenWhole):

@@ -23,27 +23,29 @@ ROLES: tuple[str, ...] = ("x", "y", "p", "t")
 # on the market has 1280 columns).
 COORDINATE_LIMIT_PX = 1 << 13
 
-US_PER_UNIT = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
+US_PER_UNIT = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3, "frac": 1e6}
 _UNIT_NAMES = {
     "s": ("s", "sec", "secs", "second", "seconds"),
     "ms": ("ms", "msec", "millisecond", "milliseconds", "millis"),
     "us": ("us", "usec", "usecs", "µs", "μs", "microsecond", "microseconds", "micros"),
     "ns": ("ns", "nsec", "nsecs", "nanosec", "nanosecs", "nanosecond", "nanoseconds", "nanos"),
+    "frac": ("frac", "fraction", "fractional"),  # of a second, beside whole ones
 }
 _UNITS = {name: unit for unit, names in _UNIT_NAMES.items() for name in names}
 _NAMES = {
-    "t": ("t", "ts", "time", "times", "timestamp", "timestamps", "stamp"),
-    "x": ("x", "xs", "col", "column", "columns", "u"),
-    "y": ("y", "ys", "row", "rows", "v"),
+    "t": ("t", "ts", "time", "times", "timestamp", "timestamps", "time_stamp", "stamp"),
+    "x": ("x", "xs", "xpos", "col", "column", "columns", "u"),
+    "y": ("y", "ys", "ypos", "row", "rows", "v"),
     "p": ("p", "ps", "pol", "polarity", "polarities", "on", "sign", "is_increase", "is_on"),
 }
 _ROLE_OF = {name: role for role, names in _NAMES.items() for name in names}
 _NAME = re.compile(
-    r"(?P<name>[a-zµμ][\w.µμ]*?)(?:_(?:px|pixels?|coord|addr|address)|@\d+)?"
+    r"(?P<name>[a-zµμ][\w.µμ]*?)(?:_(?:px|pixels?|pos|coord|addr|address)|@\d+)?"
     r"(?:[\s_/]*[\[({<]\s*(?P<unit>[^\])}>]*)[\])}>])?"
 )
-_TYPE = re.compile(r"\b(?:u?int|float|double)\d*\s*")  # Of a column's numbers.
-_PREFIX = re.compile(r"^(events?|ev|dvs|cd|addr|address)[._/]")
+# Words of a unit that do not count: the type of a column's numbers, blanks behind milli.
+_TYPE = re.compile(r"\b(?:u?int|float|double)\d*\s*|(?<=milli|micro)[\s-]+|(?<=nano)[\s-]+")
+_PREFIX = re.compile(r"^(events?|ev|dvs|cd|pixel|addr|address)[._/]")
 
 # Whole numbers beyond are nanoseconds since 1970: as microseconds, they lie 3,000 years ahead.
 NANOSECOND_TIMES = 1e17
@@ -74,8 +76,9 @@ class Order(NamedTuple):
 
     Attributes:
         place: Role -> index of its column; where seconds have their rest in another column, its
-            unit, us or ns, -> index of that.
-        unit: Unit of the times that a name told: s, ms, us or ns; None where none did.
+            unit, us, ns or frac, -> index of that.
+        unit: Unit of the times that a name or an attribute told: s, ms, us or ns; None where none
+            did.
     """
 
     place: dict[str, int]
@@ -108,7 +111,7 @@ def role_of(name: str) -> tuple[str | None, str | None]:
 def order_named(names: Sequence[str]) -> Order | None:
     """Return the order that names tell; None unless each role is named exactly once."""
     told = [role_of(name) for name in names]
-    finer = {("t", "us"), ("t", "ns")} if ("t", "s") in told else set()
+    finer = {("t", "us"), ("t", "ns"), ("t", "frac")} if ("t", "s") in told else set()
     parts = [unit if (role, unit) in finer else role for role, unit in told]
     place = {part: index for index, part in enumerate(parts) if part is not None}
     once = len(place) == len(parts) - parts.count(None) <= len(ROLES) + 1
@@ -178,7 +181,7 @@ def _holds_wrapped(p: NDArray[Any], where: str) -> bool:
     """
     values, counts = np.unique(p, return_counts=True)
     usual = {float(v) for v in values[counts >= RARE_SHARE * max(len(p), 1)]}
-    if usual - {-1.0, 0.0, 1.0} - _WRAPPED:
+    if usual - {-1.0, 0.0, 1.0} - _WRAPPED or usual == {-1.0, 0.0}:
         told = ", ".join(f"{value:g}" for value in sorted(usual)[:6])
         raise FormatError(
             f"{where}: the polarity holds {told}; valid: 0 and 1, -1 and 1, or true and false"

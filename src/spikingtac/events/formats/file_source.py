@@ -10,6 +10,7 @@ from spikingtac.errors import ConfigError, DamageError, FormatError
 from spikingtac.events.formats.codec import KINDS, Triggers
 from spikingtac.events.formats.packing import ColumnCheck, Packer, Rows
 from spikingtac.events.source import HARMLESS, HealthMeter
+from spikingtac.schema import LARGEST, convert_fields, require_within
 from spikingtac.types import EventPacket, LossCounters, SourceHealth
 
 CHUNK_EVENTS = 1 << 17  # About how many events a packet holds by default.
@@ -44,6 +45,10 @@ class ReadOptions:
     encoding: str | None = None
     size: tuple[int, int] | None = None
     sensor: int | None = None
+
+    def __post_init__(self) -> None:
+        convert_fields(self)
+        require_within(self, chunk_events=(1, LARGEST))
 
 
 def chosen_sensor(names: list[str], sensor: int | None, path: Path) -> int:
@@ -99,7 +104,7 @@ class FileSource:
             raise FormatError(
                 f"{str(path)!r}: a sensor of {width}x{height} px is not possible (valid: 1 "
                 f"to {SIDE_LIMIT_PX} a side, {AREA_LIMIT_PX} px together); give the true size: "
-                "spikingtac convert IN OUT --size W H (in Python size=)"
+                "spikingtac convert IN OUT --size WxH (in Python size=)"
             )
 
     def _size(self) -> tuple[int, int]:

@@ -32,14 +32,15 @@ OBJECTS_LIMIT = 1 << 12  # Groups and data sets that are looked at.
 COMPRESSION_LIMIT, LEAST_STORED_BYTES = 2_000, 1 << 14
 TIME_LIMIT_S = 20.0  # Longest search for attributes, s: a sound file needs 0.3 s.
 
-# Prints, as JSON, the attributes that tell a size: Metavision's, this package's and DSEC's.
+# Prints, as JSON, attributes that tell a size, Metavision's, this package's and DSEC's, or a unit.
 _ATTRIBUTES = """
 import h5py, json, sys
-names = ("geometry", "width", "height", "sensor_resolution")
+names = ("geometry", "width", "height", "sensor_resolution", "units", "unit")
 with h5py.File(sys.argv[1], "r") as file:
     every = [file[name].attrs for name in sys.argv[2:]]
     found = [{name: at[name] for name in names if name in at} for at in every]
-print(json.dumps(found, default=lambda v: str(v, "utf-8") if isinstance(v, bytes) else v.tolist()))
+plain = lambda v: str(v, "utf-8") if isinstance(v, bytes) else getattr(v, "tolist", v.__str__)()
+print(json.dumps(found, default=plain))
 """
 
 
@@ -69,8 +70,10 @@ class Hdf5Source(columns.TableSource):
                 self._stream = streams[chosen_sensor(names, options.sensor, path)]
                 for place in self._stream.places:
                     _require_plain(file[place], path)
-                self._order = self._stream.order or self._order_by_values(file, path)
-                self._named_size = _size(file, path, self._stream.group)
+                order = self._stream.order or self._order_by_values(file, path)
+                told = read_attributes(path, ["/", self._stream.group, *self._stream.places])
+                self._order = order._replace(unit=order.unit or _unit(told))
+                self._named_size = _size(file, told, self._stream.group)
             except DAMAGE as error:
                 if isinstance(error, SpikingTacError):
                     raise
@@ -249,10 +252,15 @@ def _offset_us(file: Any, group: str) -> int | None:
     return value if abs(value) <= TIME_LIMIT_US else None
 
 
-def _size(file: Any, path: Path, group: str) -> tuple[int, int] | None:
+def _unit(attributes: list[dict[str, Any]]) -> str | None:
+    """Return the unit of time that an attribute tells, or None."""
+    texts = (str(told.get("units", told.get("unit"))).strip("[']") for told in attributes)
+    return next(filter(None, (columns.role_of(f"t [{text}]")[1] for text in texts)), None)
+
+
+def _size(file: Any, attributes: list[dict[str, Any]], group: str) -> tuple[int, int] | None:
     """Return the size that an attribute or a data set beside the events tells, or None."""
-    names = ["/", group] + [f"{group.rstrip('/')}/events"] * (f"{group}/events" in file)
-    for told in read_attributes(path, names):
+    for told in attributes:
         width, _, height = str(told.get("geometry")).partition("x")
         if width.isdigit() and height.isdigit():
             return int(width), int(height)
@@ -268,7 +276,7 @@ def _size(file: Any, path: Path, group: str) -> tuple[int, int] | None:
 
 
 def read_attributes(path: Path, objects: Sequence[str]) -> list[dict[str, Any]]:
-    """Return the attributes of each object that tell a size.
+    """Return the attributes of each object that tell a size or a unit.
 
     They are read in a process that can be ended: damaged ones make the library search for ever.
     """

@@ -36,7 +36,7 @@ UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)  # How a text in UTF-16
 # Endings of what is no recording and no slip of the pen.
 FOREIGN = (
     ".pdf", ".png", ".jpg", ".gif", ".svg", ".mp4", ".avi", ".json", ".toml", ".html", ".md",
-    ".mat", ".bz2", ".xz", ".zst", ".zstd",
+    ".mat", ".bz2", ".xz", ".zst", ".zstd", ".tar", ".7z", ".rar", ".pkl", ".pickle", ".xlsx",
 )  # fmt: skip
 DOCUMENTS = ("readme", "readme.txt", "license", "license.txt")  # Names of files beside recordings.
 

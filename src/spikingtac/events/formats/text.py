@@ -31,9 +31,11 @@ _DELIMITERS = ";\t|, "
 _WORDS = {"true": "1", "on": "1", "+": "1", "false": "0", "off": "0", "-": "0"}
 _SIZE = re.compile(r"(?:size|geometry|resolution)\W{1,3}(\d+)\s*[x,;\s]\s*(\d+)", re.IGNORECASE)
 _WIDTH_HEIGHT = re.compile(r"(?:width\W{1,3}|x@)(\d+).*?(?:height\W{1,3}|y@)(\d+)", re.IGNORECASE)
+_NAME = re.compile(r"[A-Za-zµ][\w.]*\s*(?:[\[({][^\])}]*[\])}])?")  # In a comment.
 _ROW = re.compile(rb"^\s*[^#%\s]", re.MULTILINE)  # NumPy warns of a text without one.
 _NO_ROW = ("", "#", "%")  # How other lines than rows begin.
-_NUMBERED = re.compile(r"\W*0\W+1\W+2\W+3(\W+4)?\W*")  # The header of a table without names.
+# The header of a table without names, and the mark of a spreadsheet.
+_NUMBERED = re.compile(r"\W*0\W+1\W+2\W+3(\W+4)?\W*|sep=.?")
 
 
 class TextSource(columns.TableSource):
@@ -94,11 +96,12 @@ class TextSource(columns.TableSource):
         marks = Counter(_delimiter(line.decode("utf-8", "replace")) for line in lines)
         self._delimiter = marks.most_common(1)[0][0]
         rows = [_split(line.decode("utf-8", "replace"), self._delimiter) for line in lines]
-        width = Counter(map(len, rows)).most_common(1)[0][0]
-        self._width = max(self._width, width)  # the last cells may be empty
+        width, named = Counter(map(len, rows)).most_common(1)[0][0], self._width
+        self._width = named or width  # the last cells may be empty
         whole = [[_number(word) for word in row] for row in rows if len(row) == self._width]
-        for comment in comments if not self._order.place else ():
-            self._order = _named_in_comment(comment, self._width) or self._order
+        for comment in comments if not self._order.place else ():  # as # timestamp x y polarity
+            names = _NAME.findall(re.sub(r"^[#%!\s]*(?:\w+\s*:)?", "", comment))
+            self._order = order_named(names[: self._width]) or self._order
         place = self._order.place
         words = [column.count(None) > len(column) // 2 for column in zip(*whole, strict=True)]
         # Of a table with names, what no role needs may hold anything.
@@ -106,10 +109,12 @@ class TextSource(columns.TableSource):
         self._labels = {*range(self._width)}.difference(kept)
         tables = [] if place else [self._table(sample) for sample in samples]
         told = len(kept) >= len(columns.ROLES) and any(map(len, tables))
-        if not (max(place.values()) < width if place else told):
+        if not (max(place.values()) < width <= self._width if place else told):
+            header = f" and the header {named}" if named else ""
             raise FormatError(
                 f"{str(path)!r} is no table of events: its rows, as {','.join(rows[0])[:40]!r}, "
-                f"have {width} columns, but time, x, y and polarity are needed, each a plain number"
+                f"have {width} columns{header}, but time, x, y and polarity are needed, each a "
+                "plain number in a column of its own"
             )
         if not place:
             found = columns.order_of_values([table[:, kept] for table in tables], repr(str(path)))
@@ -222,9 +227,3 @@ def _named(names: list[str], path: Path) -> Order:
         "ms, us or ns), x, y and polarity, such as t_us,x,y,p (or leave the header out); polarity "
         "holds 0 and 1, -1 and 1, + and -, ON and OFF or true and false"
     )
-
-
-def _named_in_comment(comment: str, columns: int) -> Order | None:
-    """Return the order that a comment names, such as ``# timestamp x y polarity``."""
-    text = re.sub(r"^[#%!\s]*(?:\w+\s*:)?", "", comment)
-    return order_named(re.findall(r"[A-Za-zµ][\w.]*\s*(?:[\[({][^\])}]*[\])}])?", text)[:columns])

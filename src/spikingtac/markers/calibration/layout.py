@@ -81,8 +81,11 @@ def find_layout(
         return _arranged(lattice, own)
     first, there = lattice.occupied()
     requested = _arranged(lattice, (first + _best_placed(there, shape), shape))
-    left_out = len(lattice.index) > np.count_nonzero(requested.point != ABSENT)
-    return replace(requested, fits=own[1]) if own and left_out and own[1] != shape else requested
+    absent_px = requested.expected_px[requested.point == ABSENT]
+    left_out = len(lattice.index) + len(absent_px) > len(requested.point)
+    # Markers that would lie beyond the border are of another grid, too.
+    unfit = left_out or ((absent_px < 0) | (absent_px > np.array(size) - 1)).any()
+    return replace(requested, fits=own[1]) if own and own[1] != shape and unfit else requested
 
 
 def _arranged(lattice: Lattice, rectangle: Rectangle | None) -> Layout:

@@ -9,7 +9,7 @@ import numpy as np
 
 from spikingtac.atomic_files import replacing
 from spikingtac.calibration.lens import marker_pitch_px
-from spikingtac.errors import ConfigError
+from spikingtac.errors import PATH, ConfigError, require_type
 from spikingtac.touch.network import Network
 from spikingtac.touch.series import COMPONENTS, WrenchSeries
 from spikingtac.types import US_PER_S, FloatArray
@@ -229,8 +229,9 @@ def rest_share(fields: FloatArray, radius: float) -> FloatArray:
 
 def load_force(path: str | Path) -> ForceModel:
     """Read ``force.onnx``; one that is missing or damaged raises ConfigError."""
+    require_type(path, PATH, "load_force('force.onnx')")
     try:
-        network = Network(Path(str(path)).read_bytes(), str(path))
+        network = Network(Path(path).read_bytes(), str(path))
     except (OSError, ConfigError) as error:
         raise ConfigError(f"cannot read {str(path)!r}: {error}; {HINT}") from error
     return ForceModel(network, str(path))

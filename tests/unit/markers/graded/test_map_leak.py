@@ -9,12 +9,7 @@ from spikingtac.calibration.disc_profile import Discs
 from spikingtac.config import load_config
 from spikingtac.markers.graded.appearance import fit_window, steps_of
 from spikingtac.markers.graded.disc_locator import DiscLocator
-from spikingtac.markers.graded.map_leak import (
-    LARGEST_FALL,
-    LEAKED_US,
-    TOLERANCE,
-    MapLeak,
-)
+from spikingtac.markers.graded.map_leak import LARGEST_FALL, LEAKED_US, TOLERANCE, MapLeak
 from spikingtac.markers.registry import make_tracker
 from spikingtac.types import EventPacket
 from stand_ins.camera_stage import CENTERS, RADIUS_PX, SIZE
