@@ -188,8 +188,8 @@ def _appearance(evidence: Evidence, model: Model, quality: Quality) -> dict[str,
     own = {
         "marker_edge_px": model.discs.edge_px,
         "marker_contrast": model.discs.contrast,
-        "marker_step_on": model.on,
-        "marker_step_off": model.off,
+        "marker_step_on": model.steps[0],
+        "marker_step_off": model.steps[1],
         "radius_px": model.discs.radius_px,
     }
     usual = {name: float(np.median(value[measured])) for name, value in own.items()}
@@ -200,7 +200,7 @@ def _appearance(evidence: Evidence, model: Model, quality: Quality) -> dict[str,
     fields |= {name: usual[f"marker_{name}"] for name in OWN}
     # Pixels without a full swing, and pixels of unmeasured markers, have no step of their own.
     of_measured = measured[evidence.cell]
-    for name, step, share in zip(MAPS, (model.on, model.off), model.pixel, strict=True):
+    for name, step, share in zip(MAPS, model.steps, model.pixel, strict=True):
         single = (step[evidence.cell] * share**PIXEL_SHARE).clip(*STEP_BOUNDS)
         single = np.where(of_measured & (np.abs(share - 1.0) > 1e-9), single, 0.0)
         fields[name] = single.reshape(evidence.events.shape).astype(np.float32)

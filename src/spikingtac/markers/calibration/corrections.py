@@ -46,25 +46,22 @@ RIM_LEVELS = (0.03, 0.97)
 
 
 class Changes:
-    """Levels minus each pixel's mean over the neighbouring states.
-
-    Attributes:
-        real: ``(states, p)`` changes of the real pixels.
-        ideal: Changes of the ideal pixels.
-    """
+    """Levels ``(states, p)`` minus each pixel's mean over the neighbouring states."""
 
     def __init__(
-        self, seen: Comparison, states: float = OFFSET_STATES, rim_weight: float = RIM_WEIGHT
+        self,
+        drawn: NDArray[np.float32],
+        states: float = OFFSET_STATES,
+        rim_weight: float = RIM_WEIGHT,
     ) -> None:
-        apart = np.abs(np.subtract.outer(*[np.arange(len(seen.drawn))] * 2))
-        on_rim = (seen.drawn > RIM_LEVELS[0]) & (seen.drawn < RIM_LEVELS[1])
+        apart = np.abs(np.subtract.outer(*[np.arange(len(drawn))] * 2))
+        on_rim = (drawn > RIM_LEVELS[0]) & (drawn < RIM_LEVELS[1])
         self._near = np.exp(-apart / states).astype(np.float32)
         self._weight = np.where(on_rim, np.float32(rim_weight), np.float32(1.0))
         self._total = self._near @ self._weight
-        self.real, self.ideal = self.of(seen.measured), self.of(seen.expected)
 
     def of(self, levels: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the changes of levels ``(states, p)``, or of their derivatives."""
+        """Return the changes of levels, or of their derivatives."""
         return np.asarray(levels - self._near @ (self._weight * levels) / self._total, np.float32)
 
 
@@ -118,12 +115,12 @@ def rims(evidence: Evidence, model: Model, seen: Comparison) -> Rims:
     rim_px = radius_px + stretch_px[:, 0] + stretch_px[:, 1] * wide + stretch_px[:, 2] * slant
     z = (rho - rim_px) / edge_px
     slopes = fall(z, contrast, edge_px) * np.stack([dx, dy, np.ones_like(z), z, wide, slant])
-    variance = (LEVEL_VARIANCE + (model.on**2 + model.off**2) / 12.0).astype(np.float32)
+    variance = (LEVEL_VARIANCE + (model.steps**2).sum(axis=0) / 12.0).astype(np.float32)
     return Rims(at, state, marker, variance[evidence.cell[pixel]], slopes)
 
 
 def corrections(
-    evidence: Evidence, model: Model, seen: Comparison, change: Changes
+    evidence: Evidence, model: Model, seen: Comparison
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Solve for one Gauss-Newton step of all discs.
 
@@ -135,13 +132,13 @@ def corrections(
         ``(states, m, 5)`` further corrections of position and stretch at each state, px; ``(m,)``
         rms residual.
     """
-    around = rims(evidence, model, seen)
-    markers, states, dense = len(model.on), len(evidence.states), np.zeros_like(seen.drawn)
+    around, change = rims(evidence, model, seen), Changes(seen.drawn)
+    markers, states, dense = len(model.residual), len(evidence.states), np.zeros_like(seen.drawn)
     shared = np.empty_like(around.slopes[:4])
     for row in range(4):
         dense.ravel()[around.at] = around.slopes[row]
         shared[row] = change.of(dense).ravel()[around.at]
-    error, weight = around.weighted(change.real - change.ideal)
+    error, weight = around.weighted(change.of(seen.measured - seen.expected))
     total = np.maximum(np.bincount(around.marker, weight, markers), 1e-9)
     residual = np.sqrt(np.bincount(around.marker, weight * error**2, markers) / total)
     shapes_px = np.column_stack([model.discs.radius_px, model.discs.edge_px])

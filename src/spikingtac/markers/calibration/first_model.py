@@ -90,20 +90,18 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
     own, many = swings.steps(on_per_off), swings.counts.sum(axis=1) > FEWEST_SWINGS
     # Never smaller: a marker that hardly moves shows only noise and partial swings.
     steps = np.maximum(np.where(many, own, 0.0), view.steps[:, np.newaxis])
-    on, off = steps.clip(*STEP_BOUNDS)
     model = Model(
         center_px=np.tile(view.markers.center_px, (len(index), 1, 1)),
         stretch_px=np.zeros((len(index), markers, 3)),
         discs=discs,
-        on=on,
-        off=off,
+        steps=steps.clip(*STEP_BOUNDS),
         pixel=np.ones((2, events.pixels)),
         residual=np.zeros(markers),
     )
     rest_px = view.markers.center_px
     model = with_steps(evidence, tracked(view, index, model, rest_px), rest_px)
     # Where events are lost, a step stands for more than one threshold.
-    contrast = np.exp(THRESHOLD / (1.0 - loss) / np.sqrt(model.on * model.off)).clip(*CONTRASTS)
+    contrast = np.exp(THRESHOLD / (1.0 - loss) / np.sqrt(model.steps.prod(axis=0))).clip(*CONTRASTS)
     return evidence, replace(model, discs=replace(discs, contrast=contrast))
 
 
@@ -190,10 +188,10 @@ def tracked(view: Overview, index: NDArray[np.int64], model: Model, rest_px: Flo
         radius_px=radius_px[seen],
         marker_edge_px=model.discs.edge_px[seen],
         marker_contrast=model.discs.contrast[seen],
-        step_on=float(np.median(model.on)),
-        step_off=float(np.median(model.off)),
-        marker_step_on=model.on[seen],
-        marker_step_off=model.off[seen],
+        step_on=float(np.median(model.steps[0])),
+        step_off=float(np.median(model.steps[1])),
+        marker_step_on=model.steps[0, seen],
+        marker_step_off=model.steps[1, seen],
         recovery_s=model.recovery_s or None,
     )
     packets, further = [], view.events
@@ -218,10 +216,10 @@ def with_steps(evidence: Evidence, model: Model, rest_px: FloatArray) -> Model:
     since the level at which the pixel fired last is uniform within a step before the swing begins
     (not so before a pixel's first swing). Counts are those of a swing of full height: most swings
     are a little lower.
-    Events against the direction of a swing are subtracted in pairs: a marker that reverses over a
-    pixel, or noise near a threshold, fires pairs of events that cancel. (If they counted, simulated
-    presses that are calibrated from themselves would err by 0.23 px instead of 0.18.) With too few
-    swings the steps stay.
+    Events against the direction of a swing are subtracted: a marker that reverses over a pixel, or
+    noise near a threshold, fires pairs of events that cancel. (If they counted, simulated presses
+    that are calibrated from themselves would err by 0.23 px instead of 0.18.) With too few swings
+    the steps stay.
 
     Args:
         evidence: The recording.
@@ -229,46 +227,38 @@ def with_steps(evidence: Evidence, model: Model, rest_px: FloatArray) -> Model:
         rest_px: ``(m, 2)`` rest positions, px.
     """
     seen = compare(evidence, model)
-    by_marker, by_pixel = seen.marker_swings.copy(), seen.swings.copy()
-    on, rises, off, falls = by_marker.sum(axis=0)[:4].tolist()
-    if min(rises, falls) < FEWEST_SWINGS:
+    by_marker, by_pixel = seen.marker_swings, seen.swings
+    events, number = by_marker.sum(axis=0).T
+    if number.min() < FEWEST_SWINGS:
         return model
-    on_per_off = (on / rises) / (off / falls)
-    for swings in by_marker, by_pixel:
-        swings[:, 0] -= on_per_off * swings[:, 4]
-        swings[:, 2] -= swings[:, 5] / on_per_off
-    on, _, off, _ = by_marker.sum(axis=0)[:4].tolist()
     # The prior of each marker's counts is its neighbours' mean, by a Gaussian as wide as the pitch.
     apart = np.hypot(*(rest_px[:, np.newaxis] - rest_px[np.newaxis]).transpose(2, 0, 1))
     pitch = float(np.median(np.sort(apart, axis=1)[:, 1])) if len(rest_px) > 1 else 1.0
-    near = np.exp(-0.5 * (apart / pitch) ** 2) @ by_marker
-    counts, single = [], []
-    for usual, column in ((on / rises, 0), (off / falls, 2)):
-        expected = (near[:, column] + usual) / (near[:, column + 1] + 1.0)
-        known, number = by_marker[:, column], by_marker[:, column + 1]
-        counts.append((known + NEIGHBOUR_SWINGS * expected) / (number + NEIGHBOUR_SWINGS))
-        own, number = by_pixel[:, column], by_pixel[:, column + 1]
-        single.append((own + PIXEL_SWINGS * counts[-1][evidence.cell]) / (number + PIXEL_SWINGS))
-    steps = np.array(steps_of_counts(*counts))
-    pixel = np.array(steps_of_counts(*single)) / steps[:, evidence.cell]
-    return replace(model, on=steps[0], off=steps[1], pixel=pixel)
+    near = np.tensordot(np.exp(-0.5 * (apart / pitch) ** 2), by_marker, 1)
+    counts = _mean_counts(by_marker, _mean_counts(near, events / number, 1.0), NEIGHBOUR_SWINGS)
+    single = _mean_counts(by_pixel, counts[evidence.cell], PIXEL_SWINGS)
+    steps = steps_of_counts(counts.T)
+    pixel = steps_of_counts(single.T) / steps[:, evidence.cell]
+    return replace(model, steps=steps, pixel=pixel)
 
 
-def steps_of_counts(
-    on: NDArray[np.floating], off: NDArray[np.floating]
-) -> tuple[FloatArray, FloatArray]:
-    """Return the ON and OFF steps for mean counts of events in full swings.
+def _mean_counts(swings: FloatArray, prior: FloatArray, weight: float) -> FloatArray:
+    # Mean events of a swing, with a prior that weighs as much as so many swings.
+    return (swings[..., 0] + weight * prior) / (swings[..., 1] + weight)
+
+
+def steps_of_counts(counts: NDArray[np.floating]) -> FloatArray:
+    """Return ``(2, ...)`` ON and OFF steps for mean counts of events in full swings.
 
     Args:
-        on: Mean ON events of a swing from ground to marker, any shape.
-        off: Mean OFF events of the way back, same shape.
+        counts: ``(2, ...)`` mean ON events of a swing from ground to marker, and OFF events of the
+            way back.
 
     Example:
-        >>> on, off = steps_of_counts(np.array([6.0]), np.array([6.0]))
-        >>> float(on.round(4)[0])  # 1 / (6 + 1)
+        >>> on, off = steps_of_counts(np.array([6.0, 6.0]))
+        >>> float(on.round(4))  # 1 / (6 + 1)
         0.1429
     """
-    rises = np.maximum(on, FEWEST_EVENTS) + 0.5
-    falls = np.maximum(off, FEWEST_EVENTS) + 0.5
-    both = rises * falls - 0.25
-    return ((falls - 0.5) / both).clip(*STEP_BOUNDS), ((rises - 0.5) / both).clip(*STEP_BOUNDS)
+    rises, falls = np.maximum(counts, FEWEST_EVENTS) + 0.5
+    steps = np.array([falls - 0.5, rises - 0.5]) / (rises * falls - 0.25)
+    return steps.clip(*STEP_BOUNDS)

@@ -53,7 +53,7 @@ def refine(evidence: Evidence, model: Model, *, steps: bool = True) -> Model:
     """Return the model after Gauss-Newton iterations; ``steps`` says whether steps change, too."""
     for _ in range(STEP_ROUNDS if steps else PLACE_ROUNDS):
         seen = compare(evidence, model)
-        common_px, own_px, residual = corrections(evidence, model, seen, Changes(seen))
+        common_px, own_px, residual = corrections(evidence, model, seen)
         model = _correct_positions(evidence.states, model, common_px, own_px)
         growth = SHAPE_GAIN * common_px[:, 2:].clip(-LARGEST_GROWTH_PX, LARGEST_GROWTH_PX)
         radius_px, edge_px = model.discs.radius_px, model.discs.edge_px + growth[:, 1]
@@ -62,7 +62,7 @@ def refine(evidence: Evidence, model: Model, *, steps: bool = True) -> Model:
         discs = replace(model.discs, radius_px=radius_px, edge_px=edge_px.clip(*EDGE_BOUNDS_PX))
         model = replace(model, discs=discs, residual=residual)
         if steps:
-            model = _correct_steps(evidence, model, seen)
+            model = _correct_steps(model, seen)
         # Medians: a marker that the recording hardly shows may never settle.
         largest_px = np.abs(own_px[..., :2]).mean(axis=(0, 2)), np.abs(common_px).max(axis=1)
         if max(float(np.median(one)) for one in largest_px) < SETTLED_PX:
@@ -85,20 +85,11 @@ def _correct_positions(
     return replace(model, center_px=model.center_px + between[..., :2], stretch_px=stretch_px)
 
 
-def _correct_steps(evidence: Evidence, model: Model, seen: Comparison) -> Model:
+def _correct_steps(model: Model, seen: Comparison) -> Model:
     """Return a model with steps corrected by the counts: fewer events mean larger steps."""
-    real = _signal_events(evidence, seen).clip(0.0) + COUNT_PRIOR
-    factor = ((seen.events[:, 2:4] + COUNT_PRIOR) / real) ** COUNT_GAIN
-    on, off = (
-        (step * one.clip(1.0 / LARGEST_FACTOR, LARGEST_FACTOR)).clip(*STEP_BOUNDS)
-        for step, one in zip((model.on, model.off), factor.T, strict=True)
-    )
-    return replace(model, on=on, off=off)
-
-
-def _signal_events(evidence: Evidence, seen: Comparison) -> FloatArray:
-    """Return ``(m, 2)`` ON and OFF events near each marker beyond the noise."""
-    return seen.events[:, :2] - np.multiply.outer(seen.events[:, 4], evidence.noise_hz_px)
+    real, ideal = seen.events.clip(0.0) + COUNT_PRIOR
+    factor = ((ideal / real) ** COUNT_GAIN).clip(1.0 / LARGEST_FACTOR, LARGEST_FACTOR)
+    return replace(model, steps=(model.steps * factor).clip(*STEP_BOUNDS))
 
 
 # Time constant with which the pixels of some sensors adapt to a darkening without an event, s (the
@@ -189,9 +180,10 @@ def quality_of(evidence: Evidence, model: Model) -> Quality:
     # Without stretch: it would explain a part of any image.
     model = replace(model, stretch_px=np.zeros_like(model.stretch_px))
     seen = compare(evidence, model)
-    change, rim = Changes(seen, OFFSET_STATES, 1.0), rims(evidence, model, seen)
+    change, rim = Changes(seen.drawn, OFFSET_STATES, 1.0), rims(evidence, model, seen)
     left_over, whole = (
-        rim.squares(levels, len(model.on)) for levels in (change.real - change.ideal, change.real)
+        rim.squares(change.of(levels), len(model.residual))
+        for levels in (seen.measured - seen.expected, seen.measured)
     )
     # What has shrunk below a pixel is no disc, and explains nothing.
     explained = (1.0 - left_over / np.maximum(whole, 1e-9)).clip(-1.0, model.discs.radius_px > 1.0)
@@ -204,7 +196,7 @@ def quality_of(evidence: Evidence, model: Model) -> Quality:
             "their diameter; or a flicker of the light or noise drowns their events: use direct "
             "current, raise the thresholds (biases); otherwise the recording shows something else"
         )
-    above = _signal_events(evidence, seen).sum(axis=1)
+    above = seen.events[0].sum(axis=0)
     busy = above >= FEWEST_EVENTS_SHARE * np.median(above)
     measured = (above >= FEWEST_EVENTS) & (busy | (explained >= FEWEST_EXPLAINED_SHARE * usual))
     usual = float(np.median(explained[measured])) if measured.any() else 0.0

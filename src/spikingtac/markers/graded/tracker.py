@@ -157,8 +157,7 @@ class GradedTracker:
         """Return positions at ``t_us``, px, which markers are coasted, and their confidence."""
         locator, manager = self._locator, self._manager
         locator.locate(t_us, manager.coasted, self._event_loss.background_hz_px)
-        before_us = locator.times_us[0]
-        dt_s = 0.0 if before_us == NEVER_US else (t_us - before_us) * 1e-6
+        dt_s = _seconds(locator.times_us[0], t_us)
         self._next_estimate_us = t_us + LONGEST_PERIOD_US
         silent = t_us - self._heard_us > SILENCE_US and self._note_silence(t_us)
         self._run_slower_work(t_us, dt_s)
@@ -214,14 +213,10 @@ class GradedTracker:
         if t_us >= self._task_us + period_us and not (leaks and short):
             self._run_task(t_us)
         if leaks:
-            self._leak_map(t_us)
+            since_s, self._leak_us = _seconds(self._leak_us, t_us), t_us
+            if self._leak is not None and since_s:
+                self._leak.update(self._locator, since_s, self._event_loss.background_hz_px)
         self._events = 0
-
-    def _leak_map(self, t_us: int) -> None:
-        since_s = 0.0 if self._leak_us == NEVER_US else (t_us - self._leak_us) * 1e-6
-        self._leak_us = t_us
-        if self._leak is not None and since_s:
-            self._leak.update(self._locator, since_s, self._event_loss.background_hz_px)
 
     def _run_task(self, t_us: int) -> None:
         """Run one task in turn: event loss, silent markers, lost ones, or a misplaced skin."""
@@ -229,14 +224,13 @@ class GradedTracker:
         task, self._task_count = self._task_count % TASK_SLOTS, self._task_count + 1
         self._task_us = t_us
         if task == 0:
-            counted_s = 0.0 if self._count_us == NEVER_US else (t_us - self._count_us) * 1e-6
             event_count = locator.event_count
-            self._counts = event_count - self._counted_events, counted_s
+            self._counts = event_count - self._counted_events, _seconds(self._count_us, t_us)
             self._count_us, self._counted_events = t_us, event_count
-            if counted_s > 0.0:
+            if self._counts[1] > 0.0:
                 event_loss.update(locator.markers, *self._counts)
-                adapts = self._config.adapt_to_loss
-                locator.map.arrival_ratio = event_loss.arrival_ratio if adapts else 1.0
+                if self._config.adapt_to_loss:
+                    locator.map.arrival_ratio = event_loss.arrival_ratio
         elif task == 1:
             manager.update_silent(locator.markers, *self._counts, event_loss)
         elif task == 2:
@@ -249,3 +243,8 @@ class GradedTracker:
             locator.map.reset()
             locator.place(np.ones_like(manager.coasted), self.calibration.reference_px)
             manager.doubt = None
+
+
+def _seconds(before_us: int, t_us: int) -> float:
+    """Return the time between two, s; 0 where the first one never was."""
+    return 0.0 if before_us == NEVER_US else (t_us - before_us) * 1e-6
