@@ -6,6 +6,7 @@ import threading
 import time
 from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,7 +16,7 @@ import tyro
 import spikingtac as st
 from spikingtac.cli.messages import remark, tell, warn
 from spikingtac.cli.options import OF_EVENTS, ReadArgs, TrackerArgs
-from spikingtac.cli.sources import ending_on_interrupt
+from spikingtac.cli.sources import anomalies_of, ending_on_interrupt
 from spikingtac.file_kinds import kind_of
 
 if TYPE_CHECKING:
@@ -148,9 +149,7 @@ def publish(args: PublishArgs, feed: Feed, publisher: Publisher, told: str, **se
     from spikingtac.stream.reader import no_longer_than
     from spikingtac.stream.real_time import exempt_from_collection
 
-    def anomalies() -> dict[str, int]:
-        return {} if feed.source is None else dict(feed.source.losses.kinds())
-
+    anomalies = partial(anomalies_of, *([] if feed.source is None else [feed.source]))
     stream = SensorStream(publisher, replace(feed.sensor, name=args.source.name), **settings)
     remark(f"{told}; Ctrl-C ends")
     exempt_from_collection()  # a collection in the middle would hold up 200 frames
