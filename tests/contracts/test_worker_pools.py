@@ -65,7 +65,6 @@ def test_no_worker_outlives_its_parent(tmp_path: Path, how: signal.Signals) -> N
     script = tmp_path / "orphanage.py"
     script.write_text(ORPHANAGE, encoding="utf-8")
     parent = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True)
-    assert parent.stdout is not None
     worker = int(parent.stdout.readline())
     parent.send_signal(how)
     parent.wait(timeout=30)

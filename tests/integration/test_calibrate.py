@@ -167,7 +167,6 @@ def test_events_of_hot_pixels_are_ignored() -> None:
     hot_px = [[int(truth_px[5, 0]) + 10, int(truth_px[5, 1])], [3, 150]]
     events = with_hot_pixels(events, hot_px, 3_000)
     found = calibrate(PacketSource([events], events.size), estimate_lag=False)
-    assert found.hot_px is not None
     assert sorted(found.hot_px.tolist()) == sorted(hot_px)
     assert errors_px(found, truth_px).max() < 0.15
 
@@ -210,7 +209,6 @@ def test_a_marker_that_never_moves_is_expected_from_the_others() -> None:
     share = np.arange(9) != 4  # no event shows the fifth
     source = PacketSource([slides_of(truth_px, 7.0, size, share)], size)
     found = calibrate(source, estimate_lag=False)
-    assert found.marker_measured is not None
     assert np.flatnonzero(~found.marker_measured).tolist() == [4]
     assert found.provenance["missing"] == [4]
     assert errors_px(found, truth_px)[4] < 3.0
@@ -271,13 +269,11 @@ def test_the_verb_learns_the_lens_of_a_flat_grid(tmp_path: Path, verbs: Verbs) -
     assert said["no_lens"] is None
     assert said["lens"]["radial"] == pytest.approx(radial, abs=4 * said["lens"]["radial_sigma"])
     lens = Calibration.load(tmp_path / "c.json").lens
-    assert lens is not None
     skin_mm = lens.to_mm(still_px * half_px + middle)
     np.testing.assert_allclose(skin_mm, np.column_stack([column - 2.0, row - 1.5]) * 2.4, atol=0.02)
     assert "give pitch_mm" in verbs.said(*words, "--overwrite", code=2)
     other = ["calibrate", tmp_path / "c.json", "-o", tmp_path / "d.json", "--pitch-mm", 4.8]
     verbs.said(*other)
     doubled = Calibration.load(tmp_path / "d.json").lens
-    assert doubled is not None
     np.testing.assert_allclose(doubled.to_mm(still_px), 2.0 * lens.to_mm(still_px), atol=0.02)
     assert "--polarity is for recordings" in verbs.said(*other, "--polarity", "dark", code=2)

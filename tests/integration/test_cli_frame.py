@@ -44,8 +44,6 @@ def test_the_command_lists_every_verb_and_ends_quietly_without_a_reader(verbs: V
     pipe, text = subprocess.PIPE, verbs.said("--help")
     assert all(f"\n  {verb} " in text for verb in all_verbs())
     with subprocess.Popen([COMMAND, "--help"], stdout=pipe, stderr=pipe) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
         process.stdout.close()
         noise = process.stderr.read()
     assert (process.returncode, noise) == (frame.EXIT_BROKEN_PIPE, b"")

@@ -48,12 +48,10 @@ def test_a_run_is_the_closed_loop(name: str, detectors, run: ApproachRun) -> Non
     config = ApproachConfig(speed_mm_s=SPEED_MM_S, settle_windows=SETTLE_WINDOWS)
     found = closed_loop(rig.arm, rig.windows(), detectors[name], BEYOND_MM * DIRECTION, config)
     assert found.contact is not None
-    assert rig.first_contact is not None
     assert rig.first_contact.t_us == run.touch.t_us
     assert found.contact.t_us == run.decided_us[name]
     stopped = stop_at(run, run.decided_us[name])
     real_mm = rig.first_contact.arm_mm
-    assert found.collision_mm is not None
     read_mm = (found.collision_mm - real_mm) @ DIRECTION
     assert stopped["read_mm"] == pytest.approx(read_mm, abs=1e-4)
     overshoot_mm = (rig.arm.true_position_mm() - real_mm) @ DIRECTION

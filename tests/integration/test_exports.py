@@ -8,7 +8,7 @@ import pytest
 from PIL import features
 
 from spikingtac.ros2.stream import FIELD
-from spikingtac.viewer.export import MESSAGE_US, VIDEO_FRAME_MS, export
+from spikingtac.viewer.export import ANIMATIONS, MESSAGE_US, export
 from stand_ins.browser import browser
 from stand_ins.viewer import open_circling, positions_px, reference_px
 
@@ -55,12 +55,12 @@ video.src = `data:video/mp4;base64,${data}`;
 def test_a_browser_plays_an_exported_view(tmp_path: Path) -> None:
     assert export(open_circling(200_000), tmp_path / "x.mp4") == 5
     data = base64.b64encode((tmp_path / "x.mp4").read_bytes()).decode()
-    last_s = 4.5 * VIDEO_FRAME_MS / 1000
+    frame_s = ANIMATIONS[".mp4"][0] / 1000
     with browser(tmp_path / "profile") as page:
         page.get("data:text/html,<title>a video</title>")
         page.set_script_timeout(60)
-        found = page.execute_async_script(PLAYED, data, last_s)
+        found = page.execute_async_script(PLAYED, data, 4.5 * frame_s)
     assert "error" not in found, found
-    assert found["seconds"] == pytest.approx(5 * VIDEO_FRAME_MS / 1000)
+    assert found["seconds"] == pytest.approx(5 * frame_s)
     assert found["width"] > 300
-    assert found["at"] == pytest.approx(last_s)
+    assert found["at"] == pytest.approx(4.5 * frame_s)

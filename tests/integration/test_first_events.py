@@ -79,7 +79,6 @@ def travel_mm(
         packet = rig.advance(1000)
         if rig.first_contact is not None:
             times += packet.t[packet.t >= rig.first_contact.t_us].tolist()
-    assert rig.first_contact is not None
     touched = rig.first_contact.arm_mm
     first, second = (float((rig.arm.position_at_mm(times[n]) - touched) @ way) for n in (19, 99))
     return first, second

@@ -59,7 +59,6 @@ def test_fingers_give_what_each_gives_alone_and_a_dead_one_harms_nobody(
     assert "320x240" in health["foreign"].why
     assert latest["missing"] is None
     thumb = latest["thumb"]
-    assert thumb is not None
     assert (thumb.number, thumb.t_us) == (len(alone), alone[-1].t_us)
     np.testing.assert_array_equal(thumb.displacement_px, alone[-1].displacement_px)
     assert health["thumb"].why == ""

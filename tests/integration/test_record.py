@@ -18,7 +18,7 @@ import pytest
 from spikingtac.errors import CameraLostError, ConfigError, RecordingError
 from spikingtac.events import camera_source
 from spikingtac.events.camera import Address, Camera
-from spikingtac.events.camera_source import CameraSource
+from spikingtac.events.camera_source import CameraSource, WhenLost
 from spikingtac.events.formats.file_source import ReadOptions, Rows
 from spikingtac.events.open import open_events
 from spikingtac.events.recording import Recording
@@ -214,6 +214,18 @@ def test_a_lost_camera_ends_a_stream_or_raises_for_a_robot(flaky: type[Flaky]) -
     with pytest.raises(CameraLostError):
         list(stream_arrivals("flaky:"))
     assert flaky.opened == flaky.closed == 2  # once for each, and not again
+
+
+@pytest.mark.parametrize(("when_lost", "moved"), [("reconnect", 1), ("raise", 0)])
+def test_a_restart_takes_its_time_unless_a_guard_has_to_see_it(
+    flaky: type[Flaky], when_lost: WhenLost, moved: int
+) -> None:
+    source = CameraSource(Address.parse("flaky:"), ReadOptions(), when_lost)
+    columns = source.columns()
+    before_us = next(columns)[3][-1]
+    time.sleep(0.3)
+    source.camera.losses.add("time_reset")
+    assert (next(columns)[3][0] - before_us >= 300_000) == len(source.gaps) == moved
 
 
 class Steady(Flaky):

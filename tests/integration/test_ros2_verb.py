@@ -52,7 +52,6 @@ class Crowd:
         given = [self.domain, "rt/tactile/field", FIELD_TYPE, str(self.folder / name)]
         script = ros2_subscriber.__file__
         process = self._start([script, *given, str(count), str(PATIENCE_S), *options])
-        assert process.stdout is not None
         assert process.stdout.readline().strip() == "READY"
         return process
 

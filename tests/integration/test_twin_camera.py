@@ -45,7 +45,6 @@ def test_its_recording_reads_like_a_simulation(tmp_path: Path) -> None:
     assert 0 <= pace["late_packets"] <= pace["packets"]
     recording = Recording.open(tmp_path / "rec")
     truth = recording.truth()
-    assert truth is not None
     assert truth["marker_px"].shape[1:] == (64, 2)
     assert truth["marker_t_us"][-1] >= recording.manifest["t_end_us"] - 10_000
     assert recording.manifest["source"] == "twin"

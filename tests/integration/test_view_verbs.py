@@ -65,7 +65,6 @@ def test_ctrl_c_ends_it_quietly(circling: Path) -> None:
         stderr=subprocess.PIPE,
         text=True,
     )
-    assert process.stderr is not None
     line = process.stderr.readline()
     assert line.startswith("open http://127.0.0.1:")
     assert httpx.get(line.split()[1], timeout=60).status_code == 200

@@ -197,8 +197,6 @@ def dv_network(opened: ExitStack, folder: Path) -> Counterpart:
     program = [sys.executable, "-c", DV_WRITER, str(port)]
     writer = subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     stdin, stdout = writer.stdin, writer.stdout
-    assert stdin is not None
-    assert stdout is not None
     stdout.readline()
 
     def send(packet: EventPacket) -> None:

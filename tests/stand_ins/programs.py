@@ -12,8 +12,6 @@ def program(path: str) -> ModuleType:
     """Load a program, as ``scripts/site_hooks.py``, without running it."""
     name = Path(path).stem
     specification = importlib.util.spec_from_file_location(name, PROJECT / path)
-    assert specification is not None
-    assert specification.loader is not None
     module = importlib.util.module_from_spec(specification)
     sys.modules[name] = module  # dataclasses look their module up
     specification.loader.exec_module(module)

@@ -98,7 +98,6 @@ def test_a_killed_process_leaves_no_file_and_the_next_one_cleans_up(tmp_path: Pa
     child = subprocess.Popen(
         [sys.executable, "-c", code, str(path)], stdout=subprocess.PIPE, text=True
     )
-    assert child.stdout is not None
     assert child.stdout.readline() == "begun\n"
     child.send_signal(signal.SIGKILL)
     child.wait()

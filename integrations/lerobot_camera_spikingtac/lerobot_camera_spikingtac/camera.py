@@ -144,5 +144,5 @@ class SpikingTacCamera(Camera):
         return frame
 
     def _image(self, frame: Any) -> NDArray[np.uint8]:
-        look = self._calibration.grid, RANGE_PX, CELL_PX
+        look = self._calibration.grid or (1, len(frame.coasted)), RANGE_PX, CELL_PX
         return field_image(frame.displacement_px, frame.coasted, *look)

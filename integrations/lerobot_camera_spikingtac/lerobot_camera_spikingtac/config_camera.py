@@ -33,13 +33,13 @@ class SpikingTacCameraConfig(CameraConfig):
     force: str | None = None
 
     def __post_init__(self) -> None:
-        """Fill in the size of the image, which the calibration's grid decides.
+        """Fill in the size of the image, which the grid decides; markers without rows are one.
 
         Raises:
             ValueError: The size is not that of the grid.
         """
-        grid = json.loads(Path(self.calibration).read_text(encoding="utf-8"))["grid"]
-        rows, columns = (int(count) for count in grid)
+        known = json.loads(Path(self.calibration).read_text(encoding="utf-8"))
+        rows, columns = known.get("grid") or (1, len(known["reference_px"]))
         size = columns * CELL_PX, rows * CELL_PX
         if (self.width or size[0], self.height or size[1]) != size:
             raise ValueError(

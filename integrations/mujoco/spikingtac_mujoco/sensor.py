@@ -235,7 +235,7 @@ class Sensor:
         """
         model = self._model
         self._spring += FOLLOW * (self._stiffness() - self._spring)
-        placed = np.ones(6, bool) if self._held else SIDEWAYS & self._gel.in_contact
+        sideways = SIDEWAYS & self._gel.in_contact & (not self._held)
         model.jnt_pos[self._joints[0, 3:]] = self._center_mm @ AXES / MM_PER_M
         for number, joints in enumerate(self._joints):
             qpos, dofs = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
@@ -243,9 +243,9 @@ class Sensor:
             most = LARGEST_LOSS * model.dof_armature[dofs] / model.opt.timestep
             damping = np.minimum(self._spring * DAMPING_S, most)
             model.dof_damping[dofs] = damping.reshape(-1, *model.dof_damping.shape[1:])
-            wrench = self._wrench() * (MIRROR if number else 1.0)
-            zero = data.qpos[qpos] - wrench / self._spring
-            model.qpos_spring[qpos] = np.where(placed, zero, 0.0)
+            data.qpos[qpos[sideways]] = 0.0
+            zero = data.qpos[qpos] - self._wrench() * (MIRROR if number else 1.0) / self._spring
+            model.qpos_spring[qpos] = np.where(sideways | bool(self._held), zero, 0.0)
 
     def _stiffness(self) -> Floats:
         """Return the stiffness of the gel along the six joints, N/m and N m/rad."""

@@ -74,7 +74,7 @@ class UdpCamera(Camera):
             ) from error
         self.port: int = self._socket.getsockname()[1]
         self._sender: tuple[str, int] | None = None
-        self._heard_s, self._dropped, self._closed = 0.0, 0, False
+        self._heard_s, self._dropped = 0.0, 0
         self._latest: deque[bytes] = deque(maxlen=REMEMBERED)
         self._refused = b""
 
@@ -85,7 +85,7 @@ class UdpCamera(Camera):
 
     def read(self, timeout_s: float) -> Rows | None:
         """Return the events of the datagrams that wait; see :meth:`Camera.read`."""
-        if self._closed:
+        if self._socket.fileno() < 0:
             return None
         ready, _, _ = select.select([self._socket], [], [], timeout_s)
         found: list[bytes] = []
@@ -105,7 +105,6 @@ class UdpCamera(Camera):
 
     def close(self) -> None:
         """Release the port."""
-        self._closed = True
         if self._socket.fileno() >= 0:
             self._count_dropped()
         self._socket.close()

@@ -1,5 +1,6 @@
 """A camera as a source of packets: counted, timed, and on request reconnected."""
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -13,6 +14,7 @@ import numpy as np
 from spikingtac.errors import CameraLostError, DeviceError, RecordingError
 from spikingtac.events.camera import Address, Camera, open_camera
 from spikingtac.events.clock import US_PER_S, ClockFit
+from spikingtac.events.formats.codec import RESET_US
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.events.formats.packing import ColumnCheck
 
@@ -118,8 +120,9 @@ class DeliveryMeter:
 class CameraSource(FileSource):
     """Events of a camera, packet by packet as they come; shared where its address says so.
 
-    A new iteration goes on where the last one ended. After a reconnect the sensor's clock begins
-    anew; its times are moved so that they go on from the last event by the host's clock.
+    A new iteration goes on where the last one ended. After a reconnect, and after a restart that
+    took a while, the sensor's clock begins anew: its times are moved so that they go on from the
+    last event by the host's clock. Where a loss is raised, a restart is not: a guard has to see it.
 
     Args:
         address: The camera's.
@@ -132,7 +135,7 @@ class CameraSource(FileSource):
         ended: Why the iteration ended: ``closed``, ``seconds``, ``ended`` (by itself) or ``lost``;
             empty before.
         clock: Learns how the sensor's clock maps to the host's.
-        gaps: Stretches of sensor time for which the camera was gone, us, for the manifest.
+        gaps: Stretches of sensor time for which the camera was gone, or restarted, us.
         received_s: When the latest packets' events were at hand, on the monotonic clock, s.
 
     Raises:
@@ -158,7 +161,9 @@ class CameraSource(FileSource):
         self.clock = ClockFit()
         self.gaps: list[dict[str, int]] = []
         self._meter = DeliveryMeter()
-        self._closing = self._resumed = False
+        self._closing = False
+        # How much more time than the sensor tells has to have passed for its times to be moved, us.
+        self._untold_us = math.inf
         self._offset_us = 0
         self._last_us, self._last_s = 0, self.received_s
 
@@ -249,7 +254,7 @@ class CameraSource(FileSource):
                     f"{self.address}: a camera of {camera.size[0]}x{camera.size[1]} px came back, "
                     f"it was {self.size[0]}x{self.size[1]}; plug in the same one"
                 )
-            self.camera, self._resumed = camera, self._last_us > 0
+            self.camera, self._untold_us = camera, -math.inf
             self._meter.came_back(time.monotonic() - gone_s)
             self.losses.add("reconnected")
             return Camera.nothing()
@@ -260,19 +265,25 @@ class CameraSource(FileSource):
         camera = self.camera
         for kind, count in camera.losses.items():
             self.losses.add(kind, count)
+        if camera.losses["time_reset"] and self.when_lost != "raise":
+            self._untold_us = min(self._untold_us, RESET_US)
         camera.losses.clear()
         edges = camera.triggers
-        if len(edges) and not self._resumed:  # a clock that begins anew is placed by its events
+        # A clock that begins anew is placed by its events.
+        if len(edges) and self._untold_us == math.inf:
             self.triggers.append(edges.t_us + self._offset_us, edges.channel, edges.edge)
             edges.clear()
 
     def _placed(self, rows: Rows) -> Rows:
-        """Return the columns with times that go on after a reconnect."""
+        """Return the columns with times that go on where the sensor's clock begins anew."""
         x, y, p, t = rows
-        if self._resumed:
+        if self._untold_us < math.inf:
             until_us = self._last_us + round((self.received_s - self._last_s) * US_PER_S)
-            self._offset_us, self._resumed = until_us - int(t[0]), False
-            self.gaps.append({"t_from_us": self._last_us, "t_to_us": until_us})
+            untold_us = until_us - int(t[0]) - self._offset_us
+            if self._last_us and untold_us >= self._untold_us:
+                self._offset_us += untold_us
+                self.gaps.append({"t_from_us": self._last_us, "t_to_us": until_us})
+            self._untold_us = math.inf
             self.clock.forget()
             self._take_counts()
         if self._offset_us:

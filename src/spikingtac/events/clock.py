@@ -15,6 +15,7 @@ from spikingtac.schema import build
 from spikingtac.types import US_PER_S, FloatArray
 
 PPM = 1e-6
+DRIFT = 100 * PPM  # Largest drift between two clocks, s/s (two crystals of 50 ppm each).
 
 # Shared moments further from the line than this are taken for mistakes (a good one of a hundred is
 # that far off once in 160 times); standard deviation over median absolute deviation.
@@ -29,7 +30,6 @@ BIN_S = 0.1  # Stretch of deliveries of which the fastest counts, s (one in a hu
 MOST_BINS = 4096  # Stretches that are kept: then neighbours are joined, so memory stays bounded.
 
 LEAST_SPAN_S = 2.0  # Least span of a drift, s; below, jitter of 0.1 ms would pass for 50 ppm.
-
 ROUNDS, LEAST_FASTEST = 4, 8  # Times that late arrivals are left out, and how many stay at least.
 
 # Number of a stretch -> sensor time of its fastest arrival, and how late that was, s.
@@ -253,6 +253,9 @@ class ClockFit:
         if not bins:
             return None
         sensor_s, delay_s = np.array([*bins.values()]).T
+        # What came later than the clocks drift apart had waited, or is of before a leap.
+        prompt = delay_s <= delay_s.min() + BIN_S + DRIFT * np.ptp(sensor_s)
+        sensor_s, delay_s = sensor_s[prompt], delay_s[prompt]
         middle_s, span_s = float(sensor_s.mean()), float(sensor_s[-1] - sensor_s[0])
         if span_s >= LEAST_SPAN_S:
             return _fastest_line(sensor_s - middle_s, delay_s, middle_s, span_s)
@@ -290,8 +293,8 @@ def _fastest_line(x: FloatArray, delay_s: FloatArray, middle_s: float, span_s: f
         own_us=middle_s * US_PER_S,
         base_us=(middle_s + base_s + float(height)) * US_PER_S,
         drift_ppm=float(slope) / PPM,
-        error_us=jitter_s / np.sqrt(count) * US_PER_S,
-        drift_error_ppm=jitter_s / np.sqrt(spread) / PPM if spread else None,
+        error_us=jitter_s / math.sqrt(count) * US_PER_S,
+        drift_error_ppm=jitter_s / math.sqrt(spread) / PPM if spread else None,
         jitter_us=jitter_s * US_PER_S,
         span_s=span_s,
     )

@@ -10,17 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spikingtac.contact.detector import ContactDetector, Window
+from spikingtac.contact.detector import WINDOW_US, ContactDetector, Window
 from spikingtac.errors import DeviceError
 from spikingtac.robot.arm import Arm, ArmState
 from spikingtac.robot.watchdog import Watchdog
-from spikingtac.types import Contact, FloatArray
+from spikingtac.types import US_PER_S, Contact, FloatArray
 
 # Largest share by which the reported speed differs from the commanded one at constant speed: while
 # the arm accelerates, the probe's own inertia moves the markers.
 CRUISE_TOLERANCE = 0.02
-
-WINDOW_S = 0.001  # Period of the detector's windows, s (Section V-B).
 
 # An arm that does not rest after so many times the time of its way, and these seconds, is faulty.
 PATIENCE, PATIENCE_S = 2.0, 1.0
@@ -86,7 +84,7 @@ def approach(
         way_mm = np.asarray(target_mm, np.float64) - start_mm
         direction = way_mm / max(float(np.linalg.norm(way_mm)), np.finfo(float).tiny)
         patience_s = PATIENCE * float(way_mm @ direction) / settings.speed_mm_s + PATIENCE_S
-        for _ in range(math.ceil(patience_s / WINDOW_S)):
+        for _ in range(math.ceil(patience_s * US_PER_S / WINDOW_US)):
             window = next_window(stream, watchdog)
             if contact is None and detector is not None and cruising >= settings.settle_windows:
                 contact = detector.update(window)

@@ -29,7 +29,6 @@ RING_BYTES = 1 << 16  # Room for states: for some of those with the longest reas
 
 # Period at which the guard checks controller and parent, and publishes its status.
 STATUS_PERIOD_S = 0.02
-CUT_MARK = "... (cut)"  # End of a reason that was too long for the status.
 SHUTDOWN_S = 5.0
 
 # Longest silence of a stream that the guard still catches up with, beyond the watchdog's own, s.
@@ -126,7 +125,7 @@ class GuardStatus:
         """Publish a phase, why, and the fields so far; a long ``reason`` is cut."""
         with self._lock:
             if len(reason) > LONGEST_REASON:
-                reason = reason[:LONGEST_REASON] + CUT_MARK
+                reason = reason[:LONGEST_REASON] + "... (cut)"
             self._fields |= {**fields, "phase": phase, "reason": reason, "at_s": time.monotonic()}
             self._ring.publish(json.dumps(self._fields).encode())
 

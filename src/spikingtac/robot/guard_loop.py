@@ -15,6 +15,7 @@ from typing import Any
 
 from spikingtac.cameras.words import warm_up
 from spikingtac.contact.detector import WINDOW_US, ContactDetector, Window
+from spikingtac.contact.recording import paired_windows
 from spikingtac.errors import DeviceError
 from spikingtac.events.camera import Address, is_address, is_stream
 from spikingtac.events.camera_source import CameraSource
@@ -260,9 +261,7 @@ def watched_windows(reader: EventReader, watchdog: Watchdog) -> Iterator[Window]
         DeviceError: The watchdog has tripped.
         SpikingTacError: Whatever reading the camera raised.
     """
-    for window in windows(_watched(reader, watchdog), WINDOW_US):
-        if window.t_end_us - window.t_start_us == WINDOW_US:
-            yield (window,)
+    return paired_windows([_watched(reader, watchdog)])
 
 
 def _watched(reader: EventReader, watchdog: Watchdog) -> Iterator[EventPacket]:

@@ -147,7 +147,8 @@ class FoxglovePublisher:
         wanted = self._clients[client] = {}
         try:
             async for text in client:
-                with suppress(ValueError, TypeError, KeyError):  # not in this form: ignored
+                # What is not in this form is ignored.
+                with suppress(ValueError, TypeError, KeyError, struct.error):
                     self._answer(client, wanted, json.loads(text))
         finally:
             del self._clients[client]
@@ -158,7 +159,8 @@ class FoxglovePublisher:
         """Do what a client asks for, where it may."""
         if asked["op"] == "subscribe":
             for one in asked["subscriptions"]:
-                subscription, channel = int(one["id"]), int(one["channelId"])
+                subscription, channel = one["id"], one["channelId"]
+                _message(subscription, b"")  # struct.error for a number that no message can carry
                 wanted[subscription] = channel
                 kept = self._states.get(channel)
                 if kept is not None:

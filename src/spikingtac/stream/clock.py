@@ -1,16 +1,14 @@
 """Sensor time against host time: how far a live stream is behind, and whether its clock leapt.
 
 Sensor and host share no clock. The fastest transport so far maps one to the other; what arrives
-later than it lags behind. The map may drift, since no two crystals run alike.
+later than it lags behind. The map may drift, since no two crystals run alike; a backlog that grows
+more slowly than they may is taken for drift.
 """
 
 from collections import deque
 
+from spikingtac.events.clock import DRIFT
 from spikingtac.types import US_PER_S
-
-# Largest drift between the clocks, s/s (two crystals of 50 ppm each). A backlog that grows
-# more slowly than this is taken for drift.
-DRIFT = 100e-6
 
 # A sensor time that runs ahead of host time by this much is a leap, s (filled with empty
 # windows it costs a detector 20 ms; transport varies by less).

@@ -105,7 +105,7 @@ class PacketWriter:
         losses, edges = self._told
         if self._source.losses != losses or len(self._edges()) != len(edges):
             self.write(EventPacket.empty(0, 0, self._source.size))
-        self._ring.finish()
+        self._ring.put(CLOSED, 1)
 
     def close(self) -> None:
         """Finish, and give the ring back."""

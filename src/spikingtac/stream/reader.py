@@ -16,7 +16,7 @@ from spikingtac.events.camera_source import CameraSource
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.events.open import open_events
 from spikingtac.stream.packets import Delivery, PacketReader, PacketWriter, at_once, new_ring
-from spikingtac.stream.ring import SharedRing
+from spikingtac.stream.ring import CLOSED, SharedRing
 from spikingtac.types import EventPacket, LossCounters
 
 POLL_S = 0.05  # Longest wait of a user before it looks whether it shall end, s.
@@ -80,7 +80,7 @@ class EventReader(PacketReader):
         except BaseException as error:  # raised where the events are used
             self.error = error
         with suppress(ValueError, TypeError):  # its user has given the ring back
-            self.ring.finish()
+            self.ring.put(CLOSED, 1)
         self._bell.set()
 
 

@@ -11,7 +11,6 @@ import os
 import struct
 import weakref
 import zlib
-from collections.abc import Iterator
 from contextlib import suppress
 from multiprocessing import resource_tracker
 from multiprocessing.shared_memory import SharedMemory
@@ -39,13 +38,14 @@ class SharedRing:
         name: Under which other processes attach.
         room: Room for messages, bytes.
         buffer: The memory: the numbers above, then the messages.
+        close: Releases the memory; its creator also removes it.
 
     Example:
         >>> ring = SharedRing.create(1024)
         >>> other = SharedRing.attach(ring.name)
         >>> ring.publish(b"first"), ring.publish(b"second")
         (True, True)
-        >>> [bytes(message) for message in RingReader(other)]
+        >>> [bytes(message) for message in iter(RingReader(other).next, None)]
         [b'first', b'second']
         >>> other.close(); ring.close()
     """
@@ -54,7 +54,7 @@ class SharedRing:
         assert memory.buf is not None
         self._memory, self.name, self.buffer = memory, memory.name, memory.buf
         # A ring that is dropped is given back, too.
-        self._give_back = weakref.finalize(self, give_back, memory, owner)
+        self.close = weakref.finalize(self, give_back, memory, owner)
         self.room = (memory.size - HEAD_BYTES) // _MESSAGE.size * _MESSAGE.size
 
     @classmethod
@@ -150,14 +150,6 @@ class SharedRing:
         self.put(END, end)
         return True
 
-    def finish(self) -> None:
-        """Say that nothing follows."""
-        self.put(CLOSED, 1)
-
-    def close(self) -> None:
-        """Release the memory; its creator also removes it."""
-        self._give_back()
-
     def head(self, at: int) -> tuple[int, int, int, int]:
         """Return what stands before the message at a place."""
         return _MESSAGE.unpack_from(self.buffer, at % self.room + HEAD_BYTES)
@@ -224,7 +216,3 @@ class RingReader:
         """Count what was published and not taken as lost."""
         self.lost += self._ring.weight - self._weight
         self._weight, self._at = self._ring.weight, self._ring.get(END)
-
-    def __iter__(self) -> Iterator[bytearray]:
-        while (data := self.next()) is not None:
-            yield data

@@ -30,10 +30,9 @@ ENDINGS = (".mcap", ".mp4", ".gif", *PICTURE_ENDINGS)
 # Grey values of a pixel without event, and of one whose last event was ON or OFF.
 GREYS = np.array([128, 255, 0], np.uint8)
 
-# Time between two pictures, ms, and colours of a palette. GIF counts in 10 ms, and browsers slow
-# down what is below 20 ms; a video has twenty-five pictures a second, as in film.
-GIF_FRAME_MS, GIF_COLORS = 50, 32
-VIDEO_FRAME_MS, VIDEO_COLORS = 40, 256
+# Time between two pictures, ms, colours of a palette, and what writes them. GIF counts in 10 ms,
+# and browsers slow down what is below 20 ms; a video has 25 pictures a second, as in film.
+ANIMATIONS = {".gif": (50, 32, save_gif), ".mp4": (40, 256, write_mp4)}
 
 # Moments of a course, more than a figure has pixels, and the least time between two, us.
 LOOKS, LEAST_STEP_US = 4_000, 10_000
@@ -109,12 +108,9 @@ def export(view: ViewSource, path: str | Path, *, seconds: float | None = None) 
             return 1
         if ending == ".mcap":
             return _export_mcap(view, partial, seconds)
-        if ending == ".mp4":
-            pictures = _draw_stretch(view, VIDEO_FRAME_MS, VIDEO_COLORS, seconds)
-            write_mp4(pictures, VIDEO_FRAME_MS, partial)
-        else:
-            pictures = _draw_stretch(view, GIF_FRAME_MS, GIF_COLORS, seconds)
-            save_gif(pictures, GIF_FRAME_MS, partial)
+        frame_ms, colors, save = ANIMATIONS[ending]
+        pictures = _draw_stretch(view, frame_ms, colors, seconds)
+        save(pictures, frame_ms, partial)
         return len(pictures)
 
 

@@ -38,7 +38,6 @@ def test_two_clocks_meet_at_their_host_within_five_errors(seed: int) -> None:
     own, base = watched(40.0, 1_003.5, seed), watched(-25.0, 1_000.0, seed + 100)
     assert 0.0 < base.host_s(60e6) - (1_000.0 + 60.0 * (1 - 25e-6)) < 5e-4  # the fastest transport
     found = own.then(base.inverse())
-    assert found.drift_error_ppm is not None
     true_drift_ppm = ((1 + 40e-6) / (1 - 25e-6) - 1) * 1e6
     assert abs(found.drift_ppm - true_drift_ppm) < 5.0 * found.drift_error_ppm < 5.0
     for own_s in (0.0, 60.0, 120.0):
@@ -65,13 +64,13 @@ def test_little_is_known_at_first_and_memory_stays_bounded() -> None:
     assert ClockFit().mapping() is None
     short = watched(50.0, end_s=1.0)
     assert (short.drift_ppm, short.drift_error_ppm) == (0.0, None)
-    fit = ClockFit()
-    for number in range(20_000):
-        fit.arrived(number * 100_000, 5.0 + number * 0.1 * (1.0 + 1e-5))
-    mapping = fit.mapping()
-    assert mapping is not None
-    assert len(fit._bins) < 4096
-    assert mapping.drift_ppm == pytest.approx(10.0, abs=0.1)
+    for count, held_s in ((20_000, 0.0), (40, 6.5)):  # at first, deliveries were held
+        fit = ClockFit()
+        for number in range(count):
+            fit.arrived(number * 100_000, max(5.0 + number * 0.1 * (1.0 + 1e-5), held_s))
+        mapping = fit.mapping()
+        assert len(fit._bins) < 4096
+        assert mapping.drift_ppm == pytest.approx(10.0, abs=0.1)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -81,7 +80,6 @@ def test_taps_give_offset_and_drift_and_mistaken_ones_are_left_out(seed: int) ->
     base_us = 1e6 + own_us * (1 + 60e-6) + rng.normal(0.0, 300.0, 40)
     base_us[rng.integers(0, 40, 6)] += 40_000.0
     found = through_moments(own_us, base_us)
-    assert found.drift_error_ppm is not None
     assert abs(found.drift_ppm - 60.0) < 5.0 * found.drift_error_ppm
     truth_us = 1e6 + found.own_us * (1 + 60e-6)
     assert abs(found.base_us - truth_us) < 5.0 * found.error_us
@@ -166,7 +164,6 @@ def test_odd_moments_give_the_clocks_in_spite_of_lost_edges(seed: int) -> None:
     found = through_triggers(own, base)
     assert_true(found)
     assert found.error_us < 2.0
-    assert found.drift_error_ppm is not None
     assert found.drift_error_ppm < 0.1
 
 

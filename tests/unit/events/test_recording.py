@@ -39,7 +39,6 @@ def test_a_folder_is_read_as_it_was_written(tmp_path: Path) -> None:
     record(tmp_path / "a", sensors=2)
     recording = Recording.open(tmp_path / "a")
     truth = recording.truth()
-    assert truth is not None
     assert truth["marker_t_us"].tolist() == [0, 100, 200, 300]
     assert truth["marker_px"].shape == (4, 2, 2)
     assert truth["marker_px"].dtype == np.float32

@@ -101,7 +101,6 @@ def told(press: WatchedPress, side: float, shift: float = 0.0) -> dict[str, floa
     """Scores where a square of some side is told, px."""
     place, corners = np.full(2, 9.5 + shift), np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
     outline = place + 0.5 * side * corners
-    assert press.touch is not None
     touch = replace(press.touch, place_px=place, area_px2=side**2, outline_px=outline)
     return patch_scores(replace(press, touch=touch))
 

@@ -1,6 +1,12 @@
 """The image of the LeRobot plug-in."""
 
+import json
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
+import pytest
 
 from stand_ins.programs import program
 
@@ -19,3 +25,14 @@ def test_a_cell_holds_its_markers_displacement_and_whether_it_was_predicted() ->
     np.testing.assert_array_equal(cells[:, 2] > 128, coasted)
     far = field_image.field_image(np.array([[0.0, -99.0]]), coasted[:1], (1, 1), 16.0, 1)
     assert far[0, 0, :2].tolist() == [128, 1]
+
+
+def test_markers_without_rows_are_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    base = type("CameraConfig", (), {"register_subclass": lambda name: lambda kind: kind})
+    base.width = base.height = base.fps = None
+    monkeypatch.setitem(sys.modules, "lerobot.cameras.configs", SimpleNamespace(CameraConfig=base))
+    path = tmp_path / "calibration.json"
+    path.write_text(json.dumps({"grid": None, "reference_px": [[0, 0]] * 5}))
+    kind = program(f"{FOLDER}/config_camera.py").SpikingTacCameraConfig
+    made = kind(source="twin:demo", calibration=str(path))
+    assert (made.width, made.height, made.fps) == (40, 8, 30)

@@ -114,7 +114,7 @@ TWO = """<mujoco><option timestep="0.001"/><worldbody><site name="tip"/>
 <body name="b" mocap="true"><geom {} friction=".2"/></body></worldbody></mujoco>"""
 
 
-def drag(module: Any, shape: str, depth_m: float) -> list[Any]:
+def drag(module: Any, shape: str, depth_m: float, steps: int = 100) -> list[Any]:
     """Press one body, then another, into the same skin and drag them; return force and load."""
     spec, found = mujoco.MjSpec.from_string(TWO.format(shape, shape)), []
     mount = module.add_sensor(spec, site="tip", friction=0.1)
@@ -126,9 +126,9 @@ def drag(module: Any, shape: str, depth_m: float) -> list[Any]:
         sensor.step(data)
     sensor.reset(data)
     for which in (0, 1):
-        for k in range(100):
+        for k in range(steps):
             down_m, data.mocap_pos[:] = min(1.0, k / 20) * 2.0 * depth_m - depth_m, (0.0, 0.0, 1.0)
-            data.mocap_pos[which] = (3e-5 * max(0, k - 40), 0.0, 0.004 - down_m)
+            data.mocap_pos[which] = (3e-5 * min(max(0, k - 40), 60), 0.0, 0.004 - down_m)
             mujoco.mj_step(model, data, nstep=6)
             reading = sensor.step(data)
         load_n = 0.0
@@ -142,6 +142,11 @@ def drag(module: Any, shape: str, depth_m: float) -> list[Any]:
 def test_each_body_has_its_own_friction(module: Any) -> None:
     for (force_n, _), mu in zip(drag(module, 'size=".004"', 0.0007), (0.9, 0.2), strict=True):
         assert 0.5 * mu < force_n[0] / force_n[2] <= mu
+
+
+def test_a_body_that_is_held_aside_stays_on_the_pad(module: Any) -> None:
+    for force_n, load_n in drag(module, 'size=".004"', 0.0007, steps=800):
+        assert load_n == pytest.approx(force_n[2], rel=0.08)
 
 
 def test_a_wide_face_is_carried_steadily(module: Any) -> None:
@@ -231,6 +236,14 @@ def test_a_task_is_sound_and_repeats_and_is_done_by_touch(module: Any, name: str
     found = run(env, POLICIES[name]("markers"), 0)
     assert found["success"]
     assert found.get("excess", 0.0) < 2.0
+
+
+def test_a_peg_that_is_torn_out_ends_the_episode(module: Any) -> None:
+    import gymnasium
+
+    env = gymnasium.make("spikingtac/PegInHole-v0").unwrapped
+    env.reset(seed=3)
+    assert any(env.step(np.array((0.0, 0.2, -0.2)))[2] for _ in range(env.STEPS))
 
 
 def test_episodes_become_a_data_set(module: Any, tmp_path: Path) -> None:

@@ -63,7 +63,6 @@ def test_smoothed_tracks_hold_their_deviations_in_memory_and_in_files(
     written = st.Tracks.load(tmp_path / "t.npz")
     for key in ("detected_px", "displacement_px", "sigma_px"):
         np.testing.assert_array_equal(getattr(written, key), getattr(smooth, key))
-    assert smooth.sigma_px is not None
     assert smooth.sigma_px.shape == smooth.detected_px.shape
     assert 0.0 < np.abs(smooth.detected_px - causal.detected_px).mean() < 0.2
     assert "sigma_x_px" in (tmp_path / "t.csv").read_text().partition("\n")[0]

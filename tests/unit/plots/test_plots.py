@@ -78,7 +78,6 @@ def test_figures_in_mm_have_axes_in_mm() -> None:
                  zip(axes.get_xticks(), axes.get_xticklabels(), strict=True)]  # fmt: skip
         assert all(tick == pytest.approx(label * (scale or 1.0)) for tick, label in ticks)
     legend = circling_tracks(estimates=20, px_per_mm=10.0).plot("course").axes[0].get_legend()
-    assert legend is not None
     assert [text.get_text() for text in legend.get_texts()] == ["each marker", "median", "largest"]
 
 

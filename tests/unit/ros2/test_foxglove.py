@@ -128,15 +128,20 @@ def test_foreign_pages_and_rebound_names_are_refused(publisher: FoxglovePublishe
 
 
 def test_nothing_that_a_client_does_ends_the_server(
-    connected: Callable[..., Client], caplog: pytest.LogCaptureFixture
+    publisher: FoxglovePublisher, connected: Callable[..., Client], caplog: pytest.LogCaptureFixture
 ) -> None:
+    publisher.advertise("/tactile/arrows", "std_msgs/Bool")
     rude = connected()
     asked: list[Any] = [
         [], {"op": "setParameters"}, {"op": "subscribe"},
         {"op": "subscribe", "subscriptions": [{"id": "x"}]},
+        *({"op": "subscribe", "subscriptions": [{"id": n, "channelId": 1}]} for n in (1 << 32, 7)),
     ]  # fmt: skip
     for text in ("no json", *map(json.dumps, asked)):
         rude.socket.send(text)
+    while not publisher.readers("/tactile/arrows"):
+        pass
+    publisher.publish("/tactile/arrows", {"data": True}, 0)
     rude.socket.socket.shutdown(socket.SHUT_RDWR)  # it vanishes without a word
     assert connected().told[0]["name"] == "spikingtac"
     assert caplog.text == ""

@@ -77,7 +77,6 @@ def test_a_flat_script_that_is_killed_leaves_no_process() -> None:
     """Nothing guards the script's main part: it is never imported a second time."""
     script = SCRIPT.format(tests=[str(Path(__file__).parents[n]) for n in (0, 2)])
     process = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
     line = Path(f"/proc/{int(process.stdout.readline())}/cmdline")
     process.kill()
     process.communicate(timeout=PATIENCE_S)

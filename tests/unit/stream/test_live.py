@@ -80,6 +80,8 @@ def test_frames_can_be_awaited_and_are_those_of_the_tracker(
     async def taken() -> list[st.MarkerFrame]:
         given = {"calibration": calibration(), "preset": "fast", "rate_hz": RATE_HZ}
         with st.live(folder / "touch.raw", **given) as sensor:
+            with pytest.raises(TimeoutError):  # whoever gives up waiting loses no frame
+                await asyncio.wait_for(anext(aiter(sensor)), 0.05)
             return [frame async for frame in sensor]
 
     frames = asyncio.run(taken())

@@ -38,7 +38,6 @@ def tracked_to(play: Playback, t_us: int) -> np.ndarray:
     play.aim(t_us)
     assert play.work(FOREVER_S)
     assert play.position_us == t_us
-    assert play.state.frame is not None
     return play.state.frame.detected_px
 
 

@@ -29,7 +29,7 @@ PARTS = (
 SPEED_M_S = 0.015
 # Force between tip and plate that ends an episode, N.
 OVERLOAD_N = 10.0
-TIME_COST, PROGRESS, SUCCESS, OVERLOAD_COST = 0.005, 0.1, 5.0, 2.0
+TIME_COST, PROGRESS, SUCCESS, FAILURE_COST = 0.005, 0.1, 5.0, 2.0
 FAR_MM = 6.0
 
 
@@ -38,7 +38,8 @@ class PegInHole(TouchTask):
 
     ``action (3,)``: speed of the hand along x, y and z, 1 is 15 mm/s. ``state (6,)``: place of the
     hand from its start (in 6 mm) and its speed (in 15 mm/s). Reward: -0.005 a step, 0.1 for each mm
-    nearer to the inserted peg, +5 for a tip 4 mm deep in the bore, -2 for more than 10 N.
+    nearer to the inserted peg, +5 for a tip 4 mm deep in the bore, -2 for more than 10 N or a peg
+    that was torn out of the grip; each of these ends the episode.
     """
 
     MODEL = "peg.xml"
@@ -90,15 +91,15 @@ class PegInHole(TouchTask):
         tip_mm = START_MM + float(hand_mm[2])
         aside_mm = float(np.hypot(*(hand_mm[:2] - self._hole_mm)))
         success = tip_mm < -DEPTH_MM and aside_mm < PEG_MM
-        overload = self._load_n > OVERLOAD_N
+        failed = self._load_n > OVERLOAD_N or not self.reading.skin.in_contact
         reward = -TIME_COST + PROGRESS * (before - self._distance_mm)
-        reward += SUCCESS * success - OVERLOAD_COST * overload
+        reward += SUCCESS * success - FAILURE_COST * failed
         info = {
             "success": success,
             "aside_mm": aside_mm,
             "load_n": self._load_n,
         }
-        return reward, success or overload, info
+        return reward, success or failed, info
 
     def _state(self) -> Floats:
         speed = [self.data.joint(name).qvel[0] / SPEED_M_S for name in "xyz"]

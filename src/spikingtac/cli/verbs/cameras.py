@@ -19,8 +19,6 @@ from spikingtac.cli.sources import ending_on_interrupt
 from spikingtac.events.camera import KINDS
 from spikingtac.kernels import may_hold
 
-EXIT_MACHINE = 3
-
 # Buffer that a camera's datagrams ask for (``cameras/udp.py``): 0.7 s at 3 Mev/s.
 SOCKET_BUFFER_BYTES = 8 << 20
 
@@ -122,7 +120,7 @@ def doctor(args: DoctorArgs) -> int:
     document = {"healthy": healthy, "checks": [finding._asdict() for finding in findings]}
     columns = ("check", "status", "found", "what to do")
     tell(args.json, document, Table("This machine", columns, findings, words=len(columns)))
-    return 0 if healthy else EXIT_MACHINE
+    return 0 if healthy else 3  # the machine is at fault
 
 
 def _libraries() -> Iterator[Finding]:
