@@ -185,18 +185,16 @@ def test_full_swings_are_counted_pixel_by_pixel_but_for_snaps(back: bool, snaps:
     coming = [over, away, near, over, over, near, near]
     path = np.array([*coming, *([away] if back else [near]) * 4, near])
     index = np.array([0, 0, 0, 3, 4, 5, 6, 6, 6, 6, 6, 7])
-    steps = np.outer([0.5, 0.25], [1, 1])
-    known, model = evidence_and_model(path, events, discs=discs, steps=steps)
+    known, model = evidence_and_model(path, events, discs=discs)
     seen = compare(replace(known, index=index), model)
-    # An OFF event takes half an ON event back.
-    expected = np.zeros((2, 2)) if snaps else [[2.5, 1.0], [2.0, 1.0]]
+    expected = np.zeros((2, 3)) if snaps else [[3, 1, 1], [2, 1, 0]]
     np.testing.assert_allclose(seen.swings[pixel], expected, atol=0.02)
     # A pixel near the rim, sqrt(13) px from the centre, swings less high.
     height = 0.0 if snaps else DiscProfile(4.0, 0.5).level(13**0.5 - 5.0)
     np.testing.assert_allclose(seen.swings[17 * SIZE[0] + 23, 0, 1], height, atol=0.002)
     # Other pixels swing as well, without events.
     assert (seen.marker_swings[0, 0, 1] > 50) != snaps
-    assert seen.marker_swings[0, 0, 0] == (0.0 if snaps else 2.5)
+    assert seen.marker_swings[0, 0, 0] == (0 if snaps else 3)
 
 
 def test_discs_have_the_radii_of_their_rests() -> None:

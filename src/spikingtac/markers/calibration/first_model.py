@@ -216,10 +216,10 @@ def with_steps(evidence: Evidence, model: Model, rest_px: FloatArray) -> Model:
     since the level at which the pixel fired last is uniform within a step before the swing begins
     (not so before a pixel's first swing). Counts are those of a swing of full height: most swings
     are a little lower.
-    Events against the direction of a swing are subtracted: a marker that reverses over a pixel, or
-    noise near a threshold, fires pairs of events that cancel. (If they counted, simulated presses
-    that are calibrated from themselves would err by 0.23 px instead of 0.18.) With too few swings
-    the steps stay.
+    Events against the direction of a swing are subtracted in pairs: a marker that reverses over a
+    pixel, or noise near a threshold, fires pairs of events that cancel. (If they counted, simulated
+    presses that are calibrated from themselves would err by 0.23 px instead of 0.18.) With too few
+    swings the steps stay.
 
     Args:
         evidence: The recording.
@@ -228,9 +228,13 @@ def with_steps(evidence: Evidence, model: Model, rest_px: FloatArray) -> Model:
     """
     seen = compare(evidence, model)
     by_marker, by_pixel = seen.marker_swings, seen.swings
-    events, number = by_marker.sum(axis=0).T
+    events, number, _ = by_marker.sum(axis=0).T
     if number.min() < FEWEST_SWINGS:
         return model
+    per_step = events / number
+    for swings in by_marker, by_pixel:  # by the steps that the counts tell, not by the model's
+        swings[..., 0] -= per_step / per_step[::-1] * swings[..., 2]
+    events = by_marker[..., 0].sum(axis=0)
     # The prior of each marker's counts is its neighbours' mean, by a Gaussian as wide as the pitch.
     apart = np.hypot(*(rest_px[:, np.newaxis] - rest_px[np.newaxis]).transpose(2, 0, 1))
     pitch = float(np.median(np.sort(apart, axis=1)[:, 1])) if len(rest_px) > 1 else 1.0

@@ -91,9 +91,9 @@ class Comparison:
         owner: The disc that covers each pixel, -1 for none.
         events: ``(2, 2, m)`` real events beyond the noise and expected events, ON and OFF, of the
             pixels that each marker covered last.
-        swings: ``(pixels, 2, 2)`` full swings of every pixel, rises and falls: sum of the events,
-            less those against the swing, and sum of the heights.
-        marker_swings: ``(m, 2, 2)`` the same sums for the marker that covered the pixel.
+        swings: ``(pixels, 2, 3)`` full swings of every pixel, rises and falls: sum of the events,
+            sum of the heights, and events against the swing.
+        marker_swings: ``(m, 2, 3)`` the same sums for the marker that covered the pixel.
     """
 
     pixel: NDArray[np.int64]
@@ -114,7 +114,7 @@ def compare(evidence: Evidence, model: Model) -> Comparison:
     pixels["disc"] = pixels["since"] = -1
     levels = np.zeros((3, len(states), events.pixels), np.float32)
     owner = np.zeros((len(states), events.pixels), np.int32)
-    swings = np.zeros((events.pixels, 2, 2)), np.zeros((markers, 2, 2))
+    swings = np.zeros((events.pixels, 2, 3)), np.zeros((markers, 2, 3))
     near = np.zeros((5, markers + 1))
     at_s = 1e-6 * (times_at(events, evidence.index) - events.t_start_us)
     paths = evidence.index, at_s, model.center_px, model.stretch_px, states
@@ -181,8 +181,7 @@ def end_swings_kernel(
 ) -> None:  # fmt: skip
     """Add completed full swings to the sums of pixels and markers.
 
-    A pixel's first swing does not count: the level of its last event before it is not known. An
-    event against a swing takes back as many events along it as its step is larger.
+    A pixel's first swing does not count: the level of its last event before it is not known.
     """
     for q in chosen:
         pixel, level, left = pixels[q], image[q], owner[q] < 0
@@ -192,15 +191,12 @@ def end_swings_kernel(
         if pixel.since >= 0:
             pixel.since += 1
             if at != pixel.end or pixel.since >= SETTLE_SAMPLES or left:
-                rises = pixel.end == 2
                 until = pixel.last if at != pixel.end else pixel.sent
-                off, on = until[0] - pixel.begun[0], until[1] - pixel.begun[1]
-                along = (
-                    on - off * pixel.off / pixel.on if rises else off - on * pixel.on / pixel.off
-                )
-                for sums in (swings[0][q], swings[1][pixel.disc]):
-                    sums[1 - rises, 0] += along
-                    sums[1 - rises, 1] += pixel.deepest[1] + pixel.deepest[2] - 1.0
+                on = 1 if pixel.end == 2 else 0
+                for sums in (swings[0][q, 1 - on], swings[1][pixel.disc, 1 - on]):
+                    sums[0] += until[on] - pixel.begun[on]
+                    sums[1] += pixel.deepest[1] + pixel.deepest[2] - 1.0
+                    sums[2] += until[1 - on] - pixel.begun[1 - on]
                 pixel.since = -1
         if at != 0 and at != -pixel.end:
             if at != pixel.end and pixel.end > 0 and now_s - pixel.end_s > SNAP_S:
