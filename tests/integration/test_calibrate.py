@@ -252,8 +252,8 @@ def test_the_verb(tmp_path: Path, verbs: Verbs) -> None:
     assert "unloaded rests" in said
     assert "6 of 6 markers measured" in said
     assert "--grid takes 2 whole numbers" in verbs.said(*words, "--grid", "2*3", code=2)
-    for grid in ("1x7", "2x4"):
-        assert "give --grid 2x3" in verbs.said(*words, "--grid", grid, code=1)
+    for grid in (["--grid", "1x7"], ["--grid=2x4"]):
+        assert "give --grid 2x3" in verbs.said(*words, *grid, code=1)
     assert "3 of 9 markers" in verbs.said(*words, "--grid", "3x3", "--allow-missing", 0, code=1)
 
 

@@ -222,8 +222,10 @@ def check_given(arguments: type, verb: str, given: Sequence[str]) -> list[str]:
     kinds = _options(arguments)
     words, typed = list[str](), []
     for word in given:
-        of_two = words and kinds.get(words[-1]) == tuple[int, int]
-        words += word.lower().split("x", 1) if of_two else [word]
+        name, *value = word.split("=", 1)
+        for part in [name, *value] if kinds.get(name) == tuple[int, int] else [word]:
+            of_two = words and kinds.get(words[-1]) == tuple[int, int]
+            words += part.lower().split("x", 1) if of_two else [part]
     valid = [*kinds, "--help"]
     for place, word in enumerate(words, 1):
         name, equals, value = word.partition("=")
