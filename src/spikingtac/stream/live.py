@@ -179,24 +179,27 @@ class Live(AbstractContextManager["Live"]):
         Raises:
             SpikingTacError: The sensor failed, or its process is gone.
         """
-        return filter(None, self._looks(lambda: time.sleep(LOOK_S)))
+        for frame in self._looks():
+            if frame is None:
+                time.sleep(LOOK_S)
+            else:
+                yield frame
 
     async def __aiter__(self) -> AsyncIterator[LiveFrame]:
-        for frame in self._looks(lambda: None):
+        for frame in self._looks():
             if frame is not None:
                 yield frame
             # Others have their turn; whoever is cancelled here has lost no frame.
             await asyncio.sleep(0.0 if frame else LOOK_S)
 
-    def _looks(self, nap: Callable[[], object]) -> Iterator[LiveFrame | None]:
-        """Yield the frames until the source ends; after each nap for the next one, None."""
+    def _looks(self) -> Iterator[LiveFrame | None]:
+        """Yield the frames until the source ends, and None where the next one is not there yet."""
         while True:
             going = self._listen()  # asked first: the last frames come before the end
             while (message := self._take(self._frames.next)) is not None:
                 yield unpack(message)
             if not going:
                 break
-            nap()
             yield None
         if self._error is not None:
             raise self._error
