@@ -231,9 +231,9 @@ def with_steps(evidence: Evidence, model: Model, rest_px: FloatArray) -> Model:
     events, number, _ = by_marker.sum(axis=0).T
     if number.min() < FEWEST_SWINGS:
         return model
-    per_step = events / number
+    per_swing = events / number
     for swings in by_marker, by_pixel:  # by the steps that the counts tell, not by the model's
-        swings[..., 0] -= per_step / per_step[::-1] * swings[..., 2]
+        swings[..., 0] -= per_swing / per_swing[::-1] * swings[..., 2]
     events = by_marker[..., 0].sum(axis=0)
     # The prior of each marker's counts is its neighbours' mean, by a Gaussian as wide as the pitch.
     apart = np.hypot(*(rest_px[:, np.newaxis] - rest_px[np.newaxis]).transpose(2, 0, 1))
