@@ -161,8 +161,7 @@ def _kind_by_signature(path: Path, start: bytes) -> str | None:
         return "packed"
     if start.startswith(b"PK\x03\x04"):
         names = members_of(path)
-        arrays = names is None or any(name.endswith(".npy") for name in names)
-        return "npz" if arrays else "packed"
+        return "packed" if names and not any(name.endswith(".npy") for name in names) else "npz"
     if start.startswith(b"%"):
         fields = read_header(io.BytesIO(start)).fields
         if fields.keys() & _RAW_FIELDS:

@@ -41,8 +41,7 @@ def _settings(interface: str) -> str:
     """
     known = [name for _, name in socket.if_nameindex()]
     if interface == LOOPBACK:
-        where = 'address="127.0.0.1" multicast="false"'
-        return SETTINGS.format(where=where, peers=LOCAL_PEERS)
+        return SETTINGS.format(where='address="127.0.0.1" multicast="false"', peers=LOCAL_PEERS)
     try:
         at = "" if interface in known else ipaddress.ip_address(interface)
     except ValueError as error:

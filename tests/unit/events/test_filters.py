@@ -97,8 +97,7 @@ def found(pixel: np.ndarray) -> set[tuple[int, int]]:
 
 def test_hot_pixels_are_found_also_in_corners_and_side_by_side() -> None:
     hot = {(0, 0), (39, 29), (20, 10), (21, 10)}
-    pixel = mixed(noise(600), *(at(*place, 60) for place in hot))
-    assert found(pixel) == hot
+    assert found(mixed(noise(600), *(at(*place, 60) for place in hot))) == hot
 
 
 def test_a_rim_that_moves_in_the_quietest_windows_is_not_hot() -> None:

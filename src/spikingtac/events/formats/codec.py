@@ -115,8 +115,7 @@ class Triggers:
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return the columns by their keys in archives; none where there are no edges."""
-        columns = (self.t_us, self.channel, self.edge)
-        return dict(zip(TRIGGERS, columns, strict=True)) if len(self) else {}
+        return {f"trigger_{name}": self.rows[name] for name in EDGE.names or () if len(self)}
 
     def channels(self) -> dict[str, dict[str, int]]:
         """Return count, first and last time of each channel, us, by the channel's number."""

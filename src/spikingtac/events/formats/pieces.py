@@ -180,16 +180,12 @@ def _lz4(data: bytes, limit: int) -> bytes:
 def _zstd(data: bytes, limit: int) -> bytes:
     import zstandard
 
-    content, left = [], limit
     decoder = zstandard.ZstdDecompressor(max_window_size=1 << 27)
     try:
         with decoder.stream_reader(io.BytesIO(data), read_across_frames=True) as reader:
-            while left and (piece := reader.read(min(left, 1 << 20))):
-                content.append(piece)
-                left -= len(piece)
+            return reader.read(limit)
     except zstandard.ZstdError as error:
         raise DamagedPieceError(str(error)) from error
-    return b"".join(content)
 
 
 _DECOMPRESSORS: dict[str, Callable[[bytes, int], bytes]] = {

@@ -198,8 +198,7 @@ def _samples(path: Path, start: int) -> list[bytes]:
 
 
 def _delimiter(text: str) -> str:
-    marks = (mark for least in (3, 1) for mark in _DELIMITERS if text.count(mark) >= least)
-    return next(marks, " ")
+    return next((m for least in (3, 1) for m in _DELIMITERS if text.count(m) >= least), " ")
 
 
 def _split(line: str, delimiter: str = "") -> list[str]:

@@ -64,8 +64,8 @@ def test_lost_sectors_are_counted_and_invent_nothing(
     found = EventPacket.concatenate(list(source))
     assert source.losses["garbage"] == 1
     assert not ((found.x == 0) & (found.y == 0)).any()
-    invented = {*rows(found)} - {*rows(sample())}
-    assert len(invented) <= 130  # times and rows of the words after the hole are those before it
+    # Times and rows of the words after the hole are those before it.
+    assert len({*rows(found)} - {*rows(sample())}) <= 130
     assert len(found) > len(sample()) - LOST_BYTES // 2 - 200
     with pytest.raises(DamageError, match="garbage"):
         list(open_events(path, strict=True))
