@@ -21,7 +21,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.errors import FormatError
-from spikingtac.events.evt.raw import read_header
+from spikingtac.events.evt.raw import LINE_LIMIT, header_lines, read_header
 from spikingtac.events.formats.file_source import FileSource, ReadOptions, Rows
 from spikingtac.events.formats.packing import Counter
 from spikingtac.events.formats.pieces import refuse_piece
@@ -38,7 +38,6 @@ SIZES_PX = {
     "davis346": (346, 260), "davis640": (640, 480), "davishet640": (640, 480),
     "dvxplorer": (640, 480), "dvs132": (132, 104),
 }  # fmt: skip
-HEADER_LIMIT_BYTES, LINE_LIMIT = 1 << 20, 1 << 12
 POLARITY, SPECIAL = 1, 0  # Types of packets of AEDAT 3.1.
 
 # Type, source, bytes of an event, offset of its time, overflows of the time, capacity, number of
@@ -256,16 +255,9 @@ def open_aedat(path: Path, options: ReadOptions) -> FileSource:
 
 def _aedat_header(path: Path) -> tuple[str, int]:
     """Return the lines that begin with #, and where the first word is."""
-    lines = b""
     with path.open("rb") as file:
-        while len(lines) < HEADER_LIMIT_BYTES:
-            line = file.readline(LINE_LIMIT)
-            if not (line.startswith(b"#") and line.endswith(b"\n")):
-                break
-            lines += line
-            if line.startswith(b"#!END-HEADER"):
-                break
-    return lines.decode("latin-1"), len(lines)
+        lines = "".join(header_lines(file, b"#"))
+    return lines, len(lines)
 
 
 def _named_size(header: str) -> tuple[int, int] | None:

@@ -15,6 +15,7 @@ SAMPLE_BYTES = 1 << 16  # Bytes that are judged before the first one is decoded.
 LINE_LIMIT = 4096  # Longest header line that is believed, bytes.
 HEADER_LIMIT_BYTES = 1 << 20  # Longest header that is read; those of cameras have a kilobyte.
 GENERATOR = "spikingtac"
+_PRINTABLE = re.compile(rb"[\t\r\x20-\x7e\x80-\xff]*\n")
 VERSIONS = {"2.0": "evt2", "2.1": "evt21", "3.0": "evt3"}  # What the line ``evt`` says.
 
 
@@ -45,17 +46,22 @@ class RawHeader:
         return self.encoding == "evt3" and self.fields.get("generator", "").startswith(GENERATOR)
 
 
-def read_header(file: BinaryIO) -> RawHeader:
-    """Read the header lines and leave the file at the first word (a header may be missing)."""
-    fields: dict[str, str] = {}
+def header_lines(file: BinaryIO, mark: bytes) -> Iterator[str]:
+    """Yield the lines of text behind a mark; words may begin with the mark's byte as well."""
     first = file.tell()
     while (start := file.tell()) - first < HEADER_LIMIT_BYTES:
         line = file.readline(LINE_LIMIT)
-        printable = all(byte >= 0x20 or byte in b"\t\r\n" for byte in line) and 0x7F not in line
-        if not (line.startswith(b"%") and line.endswith(b"\n") and printable):
+        if not (line.startswith(mark) and _PRINTABLE.fullmatch(line)):
             file.seek(start)
-            break
-        key, _, value = line[1:].decode("latin-1").strip().partition(" ")
+            return
+        yield line.decode("latin-1")
+
+
+def read_header(file: BinaryIO) -> RawHeader:
+    """Read the header lines and leave the file at the first word (a header may be missing)."""
+    fields: dict[str, str] = {}
+    for line in header_lines(file, b"%"):
+        key, _, value = line[1:].strip().partition(" ")
         if key == "end":
             break
         fields[key] = value.strip()
@@ -74,10 +80,9 @@ def read_header(file: BinaryIO) -> RawHeader:
 
 
 def _size(fields: dict[str, str], settings: dict[str, str]) -> tuple[int, int] | None:
-    geometry = re.fullmatch(r"(\d+)\s*x\s*(\d+)", fields.get("geometry", ""))
     for pair in (
         (settings.get("width"), settings.get("height")),
-        geometry.groups() if geometry else (None, None),
+        fields.get("geometry", "").lower().partition("x")[::2],
         (fields.get("width"), fields.get("height")),
     ):
         width, height = map(_number, pair)
@@ -172,7 +177,7 @@ def _part(path: Path, encoding: str | None, notes: list[str]) -> _Part:
         sample = file.read(SAMPLE_BYTES)
     claimed, names = encoding or header.encoding, wire.CANDIDATES
     if claimed is not None:
-        orders = (header.byte_order,) if header.byte_order else wire.BYTE_ORDERS[:2]
+        orders = (header.byte_order,) if header.byte_order else wire.BYTE_ORDERS
         names = tuple(f"evt21/{order}" for order in orders) if claimed == "evt21" else (claimed,)
     if not sample:
         if claimed is None:
