@@ -232,14 +232,15 @@ def _database_messages(path: Path, types: tuple[str, ...], count: Count) -> Iter
     # Texts stay bytes, since nothing says that those of a damaged file are UTF-8.
     database.text_factory = bytes
     try:
-        database.execute("PRAGMA trusted_schema = OFF")
+        # Without the second one, a file that was cut is refused as a whole.
+        database.executescript("PRAGMA trusted_schema = OFF; PRAGMA writable_schema = ON")
         database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, PIECE_LIMIT_BYTES)
         _require_tables(database, path)
         for topic, kind, data in database.execute(
             "SELECT topics.name, topics.type, messages.data FROM messages "
             "JOIN topics ON messages.topic_id = topics.id "
             f"WHERE topics.type IN ({','.join('?' * len(types))}) "
-            "ORDER BY messages.timestamp, messages.id",
+            "ORDER BY messages.rowid",
             types,
         ):
             if isinstance(data, bytes) and isinstance(topic, bytes):

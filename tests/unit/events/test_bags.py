@@ -15,7 +15,7 @@ from stand_ins.random_packets import rows
 PER_CHUNK, CHUNKS = 5, 12
 
 
-def opened(path: Path, data: bytes, **options: bool) -> Any:
+def opened(path: Path, data: bytes, **options: Any) -> Any:
     path.write_bytes(data)
     return open_events(path, **options)
 
@@ -137,7 +137,10 @@ def test_names_out_of_utf8_and_another_camera_are_no_damage(tmp_path: Path) -> N
     (tmp_path / "a.db3-wal").write_bytes(b"messages")
     source = open_events(tmp_path / "a.db3", sensor=1)
     assert (rows(*source), source.losses) == (expected(), {"truncated": 1, "other_data": 60})
-    (tmp_path / "a.db3").write_bytes((tmp_path / "a.db3").read_bytes()[:5_000])
+    data = (tmp_path / "a.db3").read_bytes()
+    cut = opened(tmp_path / "a.db3", data[: len(data) // 4 * 3], sensor=1)
+    assert rows(*cut)[:40] == expected()[:40]
+    (tmp_path / "a.db3").write_bytes(data[:5_000])
     with pytest.raises(FormatError, match="is cut before its first readable message of events"):
         open_events(tmp_path / "a.db3")
 
