@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from spikingtac.errors import DamageError, FormatError, RecordingError
+from spikingtac.errors import ConfigError, DamageError, FormatError, RecordingError
 from spikingtac.events import open_events
 from spikingtac.events.formats import hdf5
 from spikingtac.events.formats.array_file import load_arrays
@@ -75,10 +75,10 @@ def test_dat_files(tmp_path: Path) -> None:
         for t, (_, x, y, p) in zip(times, ROWS, strict=True)
     )
     head = b"% Data file containing CD events.\n% Version 2\n% Height 240\n% Width 320\n"
-    (tmp_path / "a.dat").write_bytes(head + b"\x0c\x08" + body + b"\x01")
+    (tmp_path / "a.dat").write_bytes(head + b"\x0c\x08" + body + bytes(4_096) + b"\x01")
     source = open_events(tmp_path / "a.dat")
     assert rows(*source) == [(t, *row[1:]) for t, row in zip(times, ROWS, strict=True)]
-    assert (source.size, dict(source.losses)) == ((320, 240), {"truncated": 1})
+    assert (source.size, dict(source.losses)) == ((320, 240), {"truncated": 1, "garbage": 1})
     body = b"".join(struct.pack("<II", t, p << 17 | y << 9 | x) for t, x, y, p in ROWS)
     for head in (b"", b"% Version 1\n"):
         (tmp_path / "b.dat").write_bytes(head + b"\0\x08" + body)
@@ -199,7 +199,7 @@ def test_impossible_sizes_are_refused(tmp_path: Path, size: tuple[int, int]) -> 
     with pytest.raises(FormatError, match="not possible"):
         open_events(tmp_path / "a.npz")
     save(tmp_path / "b.npz")
-    with pytest.raises(FormatError, match=r"not possible .* --size WxH"):
+    with pytest.raises(ConfigError, match=r"not possible .* --size WxH"):
         open_events(tmp_path / "b.npz", size=size)
 
 

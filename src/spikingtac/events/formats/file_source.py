@@ -101,7 +101,7 @@ class FileSource:
         width, height = self.size = options.size or self._size()
         longest, area = max(width, height), width * height
         if min(width, height) < 1 or longest > SIDE_LIMIT_PX or area > AREA_LIMIT_PX:
-            raise FormatError(
+            raise (ConfigError if options.size else FormatError)(
                 f"{str(path)!r}: a sensor of {width}x{height} px is not possible (valid: 1 "
                 f"to {SIDE_LIMIT_PX} a side, {AREA_LIMIT_PX} px together); give the true size: "
                 "spikingtac convert IN OUT --size WxH (in Python size=)"

@@ -28,6 +28,8 @@ HELD_EVENTS = 1 << 12
 # times as many follow.
 FIRST_EVENTS = 8
 
+FILL_EVENTS = 32  # No sensor sends more events of one pixel in one microsecond.
+
 # Leaps and restarts that are believed in one chunk; what follows more of them is noise, and time
 # stands still in it.
 BELIEVED_PER_CHUNK = 16
@@ -166,6 +168,7 @@ class ColumnCheck:
         if not inside.all():
             self._losses.add("out_of_range", int(len(inside) - np.count_nonzero(inside)))
             x, y, p, t = chosen_rows((x, y, p, t), inside)
+        x, y, p, t = _without_fill((x, y, p, t), self._losses)
         on = p if p.dtype == np.bool_ else p > 0
         columns = x.astype(np.uint16), y.astype(np.uint16), on, _whole(t)
         if len(self._held[0]):
@@ -181,6 +184,16 @@ class ColumnCheck:
         time, count = self._course.mend(columns[3], final)
         self._held = chosen_rows(columns, slice(count, None))
         return *chosen_rows(columns, slice(count))[:3], time
+
+
+def _without_fill(rows: Rows, losses: LossCounters) -> Rows:
+    """Return the rows without stretches of one and the same event, as a lost sector reads."""
+    same = np.all([column[1:] == column[:-1] for column in rows], axis=0)
+    if np.count_nonzero(same) < FILL_EVENTS:
+        return rows
+    lengths = np.diff(np.flatnonzero(np.append(True, ~same)), append=len(same) + 1)
+    losses.add("garbage", int(np.count_nonzero(lengths > FILL_EVENTS)))
+    return chosen_rows(rows, np.repeat(lengths <= FILL_EVENTS, lengths))
 
 
 def _whole(t: NDArray[Any]) -> NDArray[np.int64]:
