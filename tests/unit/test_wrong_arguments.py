@@ -14,6 +14,7 @@ from stand_ins.tracks import circling_tracks
 
 TRACKS = circling_tracks(estimates=2)
 CONFIG, CALIBRATION = st.load_config("fast"), known(GRID)
+TRACKER = st.make_tracker(CONFIG.tracking, CALIBRATION)
 LARGE = CALIBRATION.radius_px + 83.5
 EVENTS = r"EventSource, given .*'a\.raw'.*; make one: spikingtac\.open_events"
 
@@ -25,7 +26,6 @@ EVENTS = r"EventSource, given .*'a\.raw'.*; make one: spikingtac\.open_events"
             lambda: st.make_tracker("fast", CALIBRATION),  # type: ignore[arg-type]
             r"TrackingConfig, given 'fast'; make one: spikingtac\.load_config\(.*\)\.tracking",
         ),
-        (lambda: st.make_tracker(CONFIG, CALIBRATION), r"TrackingConfig, given Config;"),
         (
             lambda: st.make_tracker(CONFIG.tracking, Path("a.json")),
             r"Calibration, given PosixPath\('a\.json'\); make one: spikingtac\.Calibration\.load",
@@ -66,10 +66,10 @@ EVENTS = r"EventSource, given .*'a\.raw'.*; make one: spikingtac\.open_events"
         (lambda: st.live("udp:0", calibration=CALIBRATION, rate_hz=-1), "rate_hz is -1, it must"),
         (lambda: st.track(CALIBRATION.reference_px, CALIBRATION), "given ndarray; .*open_events"),  # type: ignore[arg-type]
         (lambda: st.track([], CALIBRATION, rate_hz="fast"), "rate_hz is 'fast', it must"),  # type: ignore[arg-type]
-        (
-            lambda: list(st.follow("a.raw", st.make_tracker(CONFIG.tracking, CALIBRATION), 9.0)),
-            EVENTS,
-        ),
+        (lambda: st.track([Path("a.raw")], CALIBRATION), "EventSource, given list"),  # type: ignore[list-item]
+        (lambda: st.calibrate({"t": [1]}), "EventSource, given dict"),  # type: ignore[arg-type]
+        (lambda: st.CalibrationConfig(grid=(8, 1_000)), "valid are 1 to 256 rows, columns"),
+        (lambda: list(st.follow("a.raw", TRACKER, 9.0)), EVENTS),
     ],
 )
 def test_it_is_refused(

@@ -54,9 +54,11 @@ def refuse_path(given: object) -> None:
     """Refuse a file's path, or anything else that yields no packets, where events are expected.
 
     Raises:
-        ConfigError: It is a path, an array or a single value; says how to open a file.
+        ConfigError: It is a path, an array, a table or a single value; says how to open a file.
     """
-    if isinstance(given, str | os.PathLike | np.ndarray) or not isinstance(given, Iterable):
+    values, ones = str | os.PathLike | np.ndarray, given if isinstance(given, list) else [given]
+    plain = any(isinstance(one, values) or hasattr(one, "keys") for one in ones)
+    if plain or not isinstance(given, Iterable):
         path = given if isinstance(given, str | os.PathLike) else "a.raw"
         require_type(given, EventSource, f"open_events({os.fspath(path)!r})")
 

@@ -42,6 +42,7 @@ RING = 1.6
 CANDIDATE_LEVEL, CANDIDATE_PX = 0.45, (12.0, 20_000.0)
 
 FEWEST_MARKERS = 3  # Fewer markers are no grid.
+LONGEST_SIDE = 256  # Most rows or columns: of a megapixel, each would have 3 px.
 
 # Largest number of spots beside the grid, as a share of the spots in it.
 MOST_STRAY_SHARE = 0.5
@@ -81,8 +82,8 @@ class CalibrationConfig:
 
     def __post_init__(self) -> None:
         convert_fields(self)
-        if self.grid is not None and min(self.grid) < 1:
-            raise ConfigError(f"grid is {self.grid}, rows and columns must be positive")
+        if self.grid is not None and not 1 <= min(self.grid) <= max(self.grid) <= LONGEST_SIDE:
+            raise ConfigError(f"grid is {self.grid}, valid are 1 to {LONGEST_SIDE} rows, columns")
         if self.grid is not None and self.layout == "free":
             raise ConfigError("a free layout has no rows and columns; give no grid")
         if self.pitch_mm is not None and not self.pitch_mm > 0.0:
