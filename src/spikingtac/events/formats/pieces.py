@@ -183,7 +183,7 @@ def _zstd(data: bytes, limit: int) -> bytes:
     decoder = zstandard.ZstdDecompressor(max_window_size=1 << 27)
     try:
         with decoder.stream_reader(io.BytesIO(data), read_across_frames=True) as reader:
-            return reader.read(limit)
+            return b"".join(reader.read(1 << 20) for _ in range(1 + (limit >> 20)))
     except zstandard.ZstdError as error:
         raise DamagedPieceError(str(error)) from error
 
