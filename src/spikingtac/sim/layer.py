@@ -88,8 +88,7 @@ class LayerOperator:
         (xx, xy, yy, zz), (xz, yz) = self._even, self._odd
         along = xx * x + xy * y + xz * z, xy * x + yy * y + yz * z
         moved_k = np.stack((*along, zz * z - xz * x - yz * y))
-        moved = scipy.fft.irfft2(moved_k, s=(n, n), workers=1, overwrite_x=True)
-        return np.asarray(moved, np.float64)
+        return np.asarray(scipy.fft.irfft2(moved_k, s=(n, n), workers=1, overwrite_x=True), float)
 
 
 _STENCIL = np.arange(-2, 4)

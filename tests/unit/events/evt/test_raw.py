@@ -65,8 +65,7 @@ def test_evt3_wraps_after_16_seconds(raw) -> None:
 
 def test_a_vector_moves_the_base_on_by_its_own_length(raw) -> None:
     """Sensors write 12 + 12 + 8 pixels, other writers any order."""
-    vectors = [0x5081, 0x5001, 0x4801, 0x4001]  # 8, 8, 12 and 12 pixels
-    source = raw([high3(1), 0x6000 | 7, 5, 0x3800 | 10, *vectors])
+    source = raw([high3(1), 0x6000 | 7, 5, 0x3800 | 10, 0x5081, 0x5001, 0x4801, 0x4001])
     assert [x for packet in source for x in packet.x.tolist()] == [10, 17, 18, 26, 37, 38]
 
 
@@ -96,6 +95,11 @@ def test_a_lone_wrong_time_is_ignored(raw) -> None:
     source = raw(words)
     assert times(source) == [(h << 12) + 7 for h in range(20)]
     assert source.losses["time_glitch"] == 1
+
+
+def test_single_events_between_silences_keep_their_times(raw) -> None:
+    found = times(raw([word for n in range(9) for word in (high3(400 * n), *event3(1, n))]))
+    assert found == [400 * 4096 * n + 1 for n in range(9)]
 
 
 def test_a_corrected_lower_time_stamps_nothing(raw) -> None:
