@@ -3,14 +3,13 @@
 All lengths are mm. Solids need the extra ``[design]``.
 """
 
-import importlib
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 from typing import Any, Literal
 
-from spikingtac.errors import MissingExtraError
+from spikingtac.errors import import_extra
 from spikingtac_hardware.checks import HOLDER_WALL_MM, MARGIN_MM
 from spikingtac_hardware.layout import (
     BAFFLE_WALL_MM,
@@ -288,13 +287,9 @@ def modeller(name: str = "build123d") -> Any:
     Raises:
         MissingExtraError: The extra ``[design]`` is not installed.
     """
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        raise MissingExtraError(
-            f"solids and drawings need {name}: pip install 'spikingtac[design]' "
-            "(figures and checks need nothing more: leave -o away)"
-        ) from error
+    return import_extra(
+        name, "a design's folder (its figures alone do not: leave -o away)", "design"
+    )
 
 
 def prism(outline: Outline, low_mm: float, high_mm: float) -> Solid:

@@ -99,13 +99,14 @@ def test_the_sdist_holds_no_data(packages: tuple[Path, Path]) -> None:
 
 
 # Names of distributions that differ from what they are imported as.
-DISTRIBUTIONS = {"PIL": "pillow", "rtde_control": "ur-rtde", "rtde_receive": "ur-rtde"}
+DISTRIBUTIONS = {"PIL": "pillow"}
 
 # Declared, and used without an import statement: what is imported by a name in a string, what
 # builds the documentation, onnxscript, through which torch exports, and extras that name others.
 BY_NAME_ONLY = {
     "build123d", "dv-processing", "h5py", "mcap", "neuromorphic-drivers", "opencv-python-headless",
-    "openmv", "trackpy", "trimesh", "zarr", "mkdocs", "mkdocs-material", "onnxscript", "spikingtac",
+    "openmv", "trackpy", "trimesh", "ur-rtde", "zarr", "mkdocs", "mkdocs-material", "onnxscript",
+    "spikingtac",
 }  # fmt: skip
 
 

@@ -27,7 +27,7 @@ NAMES = ("event_count", "default")
 def detectors():
     free = SCENE.make_free_rig(SEED, "rested")
     quiet = list(windows([free.advance(4_000)[0]], 1_000))
-    calibrations = [SCENE.calibration(free)]
+    calibrations = [SCENE.calibration(free.image.center_px, free.image.radius_px)]
     return {n: make_detector(n, DetectionConfig(), calibrations, quiet) for n in NAMES}
 
 

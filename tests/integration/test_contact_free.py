@@ -16,7 +16,6 @@ from spikingtac.types import EventPacket
 from spikingtac_paper.free_motion.free_rig import (
     FreeMotion,
     FreeRig,
-    SmallMotionFinger,
     VibrationPath,
     skin_state,
 )
@@ -42,15 +41,15 @@ def both(request: pytest.FixtureRequest) -> Both:
     pad = Pad()
     vibration = VibrationPath(VIBRATION_MM[request.param], np.random.default_rng(SEED))
     bushing = FreeMotion(vibration).advance(STEPS)
-    free_finger = SmallMotionFinger(request.param, SEED, history="random")
-    whole = SensingFinger(request.param, SEED, history="random")
+    free = FreeRig(request.param, SEED, history="random")
+    whole = SensingFinger(request.param, SEED)
     skins = [skin_state(pad, one) for one in bushing]
     optics, camera = whole.optics, whole.camera
-    camera.settle(optics.project(skin_state(pad, np.zeros(6))), whole.history)
+    camera.settle(optics.project(skin_state(pad, np.zeros(6))), "random")
     images = [optics.project(replace(skin, t_us=1000 * (k + 1))) for k, skin in enumerate(skins)]
-    image = free_finger.image
-    fast = free_finger.sparse_camera.render_motion(bushing)
-    return Both(fast, camera.advance(images), known(image.center_px, image.radius_px))
+    fast = free.camera.render_motion(bushing)
+    rest = known(free.image.center_px, free.image.radius_px)
+    return Both(fast, camera.advance(images), rest)
 
 
 def per_window(packet: EventPacket) -> np.ndarray:

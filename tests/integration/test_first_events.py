@@ -38,7 +38,7 @@ class SilentFinger(SensingFinger):
     """A finger without background, and without leak unless its pixels had time to rest."""
 
     def __init__(self, seed: int, history: ReferenceHistory) -> None:
-        super().__init__("typical", seed, history=history, serial=seed)
+        super().__init__("typical", seed, serial=seed)
         whole = grip_camera("typical")
         pixel = whole.pixel if history == "rested" else replace(whole.pixel, leak_hz=0.0)
         silent = replace(whole, background=BackgroundConfig(), pixel=pixel)
@@ -71,6 +71,7 @@ def travel_mm(
     finger = SilentFinger(seed, known)
     wall, rng = PlaneWall(way * (0.375 + FREE_MM), -way), np.random.default_rng(seed)
     rig = Rig(UR3Twin(np.zeros(3), rng), wall, finger, rng, vibration_mm=0.0)
+    finger.camera.settle(rig.image, known)
     if history == "released":
         press_and_release(rig, FREE_MM * way)
     rig.arm.move_linear(2.0 * way, SPEED_MM_S)

@@ -100,7 +100,7 @@ class EventObserver:
     def begin(self, state: SkinState) -> Seen:
         """Take the skin at the start: the tracker is calibrated where the markers stand then."""
         image = self._finger.optics.project(state)
-        self._finger.camera.settle(image, self._finger.history)
+        self._finger.camera.settle(image)
         calibration = st.Calibration(
             reference_px=image.center_px,
             radius_px=image_radius_px(image),

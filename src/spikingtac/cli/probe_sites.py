@@ -16,7 +16,6 @@ from spikingtac import contact, events, robot
 from spikingtac import sim as twin
 from spikingtac.cli.messages import progress, remark
 from spikingtac.cli.options import WriteArgs
-from spikingtac.geometry import Compensation
 from spikingtac.pipeline.track import require_same_size
 from spikingtac.robot.guard_loop import watched_windows
 from spikingtac.stream.reader import EventReader
@@ -172,8 +171,7 @@ def on_arm(args: Args) -> ProbedHole:
     assert args.arm is not None
     assert args.calibration is not None
     calibration = st.Calibration.load(args.calibration)  # refused before anything moves
-    known = Compensation(travel_mm=args.travel_mm, travel_sigma_mm=args.travel_sigma_mm)
-    travel, grip = st.TravelModel.of(known), None
+    travel, grip = st.TravelModel.of(args.travel_mm, args.travel_sigma_mm), None
     with contextlib.ExitStack() as stack:
         gripper = stack.enter_context(robot.RobotiqGripper(args.arm)) if args.gripper else None
         if gripper is not None:

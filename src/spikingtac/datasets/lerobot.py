@@ -6,7 +6,6 @@ Episodes follow each other in one file, one row group each; ``meta`` holds ``inf
 """
 
 from collections.abc import Callable, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikingtac.atomic_files import write_json
-from spikingtac.errors import ConfigError, MissingExtraError, RecordingError
+from spikingtac.errors import ConfigError, RecordingError, import_extra
 from spikingtac.events.formats.array_file import load_arrays
 from spikingtac.tracks import Tracks
 from spikingtac.types import US_PER_S
@@ -91,8 +90,8 @@ def write_lerobot(
             f"there are {len(recordings)} recordings and {len(logs)} logs; give one for each, in "
             f"the order {', '.join(path.name for path in recordings[:3])} ..."
         )
-    if not (find_spec("pyarrow") and find_spec("pandas")):
-        raise MissingExtraError("LeRobot data sets need: pip install 'spikingtac[lerobot]'")
+    for library in ("pyarrow", "pandas"):
+        import_extra(library, "a data set of LeRobot", "lerobot")
     kept, episodes, ages_us, described = list[Columns](), list[dict[str, Any]](), [0], {}
     for number, path in enumerate(recordings):
         features, age_us = _frames_of(path, fps, logs[number] if logs else None)

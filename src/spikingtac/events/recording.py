@@ -3,7 +3,6 @@
 A manifest may know the sensor's clock, by which events are put on the clock of another sensor.
 """
 
-import itertools
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -141,6 +140,10 @@ class RetimedSource(FileSource):
                 f"error {time_map.error_us:.0f} us, learned from {time_map.learned_from})"
             )
 
+    def close(self) -> None:
+        """End the iteration of a camera soon."""
+        getattr(self._source, "close", lambda: None)()
+
     def _columns(self) -> Iterator[Rows]:
         self._source.losses, self._source.triggers = self.losses, Triggers()
         self._edges_placed = 0
@@ -189,12 +192,6 @@ class Recording:
                 "open a single file with open_events"
             )
         return cls(folder, read_manifest(folder / MANIFEST))
-
-    @property
-    def sensors(self) -> int:
-        """Number of sensors on the folder's clock."""
-        names = (name_of(RECORDING_NAME, number) for number in itertools.count(1))
-        return 1 + len(list(itertools.takewhile(lambda name: (self.path / name).is_file(), names)))
 
     def events(self, sensor: int = 0, *, strict: bool = False) -> FileSource:
         """Return the events of one sensor."""

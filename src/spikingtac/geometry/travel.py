@@ -75,27 +75,9 @@ def hexagon_reach_in_hole_mm(
     return radius_mm - np.sqrt(np.maximum(radius_mm**2 - across_square, 0.0)) + flat
 
 
-@dataclass(frozen=True, kw_only=True)
-class Compensation:
-    """The distance between the measured tip centre and the wall.
-
-    Attributes:
-        offset_mm: R_offset, the bit's effective radius, mm.
-        travel_mm: delta_crit, the tip's travel from first touch to decision, mm.
-        offset_sigma_mm: Standard deviation of the effective radius from touch to touch, mm: a
-            hexagon of unknown heading, 0.75 mm across flats, has 0.0174.
-        travel_sigma_mm: Standard deviation of the travel from touch to touch, mm.
-    """
-
-    offset_mm: float = _mean_hexagon_reach_mm(0.75)
-    travel_mm: float = 0.4
-    offset_sigma_mm: float = 0.0174
-    travel_sigma_mm: float = 0.02
-
-    @property
-    def sigma_mm(self) -> float:
-        """Standard deviation of one contact along the radius, mm, without the arm's error."""
-        return math.hypot(self.offset_sigma_mm, self.travel_sigma_mm)
+# Mean reach of a hexagon of unknown heading, 0.75 mm across flats, and its standard deviation from
+# touch to touch, mm.
+MEAN_REACH_MM, REACH_SIGMA_MM = _mean_hexagon_reach_mm(0.75), 0.0174
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -121,13 +103,17 @@ class TravelModel:
     variance_mm2: FloatArray | None = None
 
     @classmethod
-    def of(cls, compensation: Compensation, across_flats_mm: float = 0.75) -> TravelModel:
-        """Return the same travel for every direction, the bit's heading unknown."""
+    def of(cls, travel_mm: float, travel_sigma_mm: float = 0.02) -> TravelModel:
+        """Return the same travel for every direction, the bit's heading unknown.
+
+        Args:
+            travel_mm: delta_crit, the tip's travel from first touch to decision, mm.
+            travel_sigma_mm: Its standard deviation from touch to touch, mm.
+        """
         return cls(
-            harmonics_mm=compensation.travel_mm * np.eye(HARMONICS)[0],
+            harmonics_mm=travel_mm * np.eye(HARMONICS)[0],
             covariance_mm2=np.zeros((HARMONICS, HARMONICS)),
-            sigma_mm=compensation.sigma_mm,
-            across_flats_mm=across_flats_mm,
+            sigma_mm=math.hypot(REACH_SIGMA_MM, travel_sigma_mm),
         )
 
     def travel_mm(self, angle_rad: FloatArray) -> FloatArray:

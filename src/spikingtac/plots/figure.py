@@ -14,6 +14,7 @@ from spikingtac.errors import named
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
     from PIL.Image import Image
@@ -105,6 +106,15 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     require_free(path, True, PICTURE_ENDINGS)
     with replacing(path) as partial:
         figure.savefig(partial, facecolor=figure.get_facecolor(), dpi=DPI)
+
+
+def drawn(canvas: FigureCanvasAgg, most_colors: int) -> Image:
+    """Draw a figure as it stands, with a palette of its own, for an animation."""
+    from PIL.Image import Dither, fromarray
+
+    canvas.draw()
+    picture = fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())
+    return picture.quantize(most_colors, dither=Dither.NONE)
 
 
 def save_gif(pictures: Sequence[Image], frame_ms: int, path: Path) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from spikingtac.atomic_files import replacing, require_free
 from spikingtac.errors import ConfigError
-from spikingtac.plots.figure import THEMES, new_figure, save_gif, style_axes
+from spikingtac.plots.figure import THEMES, drawn, new_figure, save_gif, style_axes
 from spikingtac.plots.tracks import draw_course, draw_field, require_estimates, turn_arrows, view_px
 from spikingtac.tracks import Tracks
 from spikingtac.types import US_PER_S
@@ -232,7 +232,6 @@ def _rows(tracks: Tracks, stretch_s: tuple[float | None, float | None], slow: fl
 def _pictures(tracks: Tracks, rows: list[int], theme: str, width: str) -> list[Image]:
     """Draw the largest displacement of the stretch, then turn its arrows for each picture."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from PIL import Image as Images
 
     low, high = view_px(tracks.reference_px)
     field = FIELD_WIDTH * float((high[1] - low[1]) / (high[0] - low[0]))
@@ -254,7 +253,5 @@ def _pictures(tracks: Tracks, rows: list[int], theme: str, width: str) -> list[I
         turn_arrows(arrows, tracks, row, gain)
         upper.title.set_text(f"t = {t_s:.2f} s, arrows × {gain:.2g}")
         now.set_xdata([t_s, t_s])
-        canvas.draw()
-        picture = Images.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())
-        shown.append(picture.quantize(MOST_COLORS, dither=Images.Dither.NONE))
+        shown.append(drawn(canvas, MOST_COLORS))
     return shown

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, wait
 from typing import Any
 
-from spikingtac.errors import DeviceError, MissingExtraError
+from spikingtac.errors import DeviceError, import_extra
 from spikingtac.robot.ur_stop import require_controller
 
 # Longest time for which a call runs with real-time priority, s (two cycles of CB3 and some;
@@ -149,13 +149,8 @@ def connect(host: str, limit_s: float) -> tuple[Any, Any]:
         MissingExtraError: ur_rtde is not installed.
         DeviceError: The controller does not answer, or refuses.
     """
-    try:
-        import rtde_control
-        import rtde_receive
-    except ImportError as error:
-        raise MissingExtraError(
-            "the UR driver needs ur_rtde; install it with: pip install 'spikingtac[robot]'"
-        ) from error
+    rtde_control = import_extra("rtde_control", "the driver of UR arms", "robot")
+    rtde_receive = import_extra("rtde_receive", "the driver of UR arms", "robot")
     require_controller(host, limit_s)
     try:
         receive = rtde_receive.RTDEReceiveInterface(host, -1.0, RECEIVED)

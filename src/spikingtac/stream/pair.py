@@ -77,15 +77,7 @@ class LiveMap:
         return self._line(t_us)
 
 
-class PairedCamera(RetimedSource):
-    """A camera whose times are on a clock that it shares with another one."""
-
-    def close(self) -> None:
-        """End the iteration soon."""
-        self._source.close()  # type: ignore[attr-defined]
-
-
-def live_pair(cameras: Sequence[CameraSource], options: ReadOptions) -> list[PairedCamera]:
+def live_pair(cameras: Sequence[CameraSource], options: ReadOptions) -> list[RetimedSource]:
     """Return cameras on one clock: that of whichever delivers first.
 
     Args:
@@ -93,7 +85,7 @@ def live_pair(cameras: Sequence[CameraSource], options: ReadOptions) -> list[Pai
         options: As of the cameras.
     """
     shift_us: list[float] = []
-    return [PairedCamera(one, LiveMap(one.clock.mapping, shift_us), options) for one in cameras]
+    return [RetimedSource(one, LiveMap(one.clock.mapping, shift_us), options) for one in cameras]
 
 
 class _Sensor:

@@ -27,6 +27,7 @@ from spikingtac.events.formats.codec import Triggers
 from spikingtac.events.formats.file_source import ReadOptions
 from spikingtac.events.recording import MANIFEST, SCHEMA, TRUTH, name_of
 from spikingtac.events.source import source_health
+from spikingtac.file_kinds import RECORDING_NAME
 from spikingtac.stream.packets import at_once, new_ring
 from spikingtac.stream.reader import EventReader
 from spikingtac.types import US_PER_S, EventPacket
@@ -35,7 +36,6 @@ ROOM_BYTES = 256 << 20  # Memory for events that wait for the disk: 6 s at 3 Mev
 JOINED_EVENTS = 1 << 16  # Small packets are joined up to so many events before they are encoded.
 WAIT_S = 0.02  # Longest wait for events before the recording looks at the time, s.
 TIME_BASE = "time_base"  # Key of the second manifest: the map from its clock to the first sensor's.
-FIRST_NAME = "events.raw"
 MANIFEST_S = 5.0  # Time between two manifests, s: what a killed recorder leaves is at most so old.
 RESERVE = ".reserve.tmp"
 
@@ -187,7 +187,7 @@ class Recorder:
         part["events"] += len(packet)
 
     def _begin(self, first_us: int) -> RawWriter:
-        path = self._beside(FIRST_NAME)
+        path = self._beside(RECORDING_NAME)
         path = path.with_name(part_name(path.name, len(self._parts)))
         self._digest = hashlib.sha256()
         self._writer = RawWriter(path, self.source.size, in_place=True, digest=self._digest)

@@ -11,7 +11,7 @@ import numpy as np
 
 from spikingtac.atomic_files import replacing, require_free
 from spikingtac.errors import ConfigError, SpikingTacError, import_extra
-from spikingtac.plots.figure import PICTURE_ENDINGS, save_gif
+from spikingtac.plots.figure import PICTURE_ENDINGS, drawn, save_gif
 from spikingtac.plots.moments import DPI, PANEL, SensorDrawing
 from spikingtac.ros2.messages import NS_PER_US, definition, encode, header, ros_type
 from spikingtac.ros2.stream import SensorInfo, SensorStream
@@ -239,7 +239,6 @@ def _draw_stretch(
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-    from PIL.Image import Dither, fromarray
 
     figure = Figure(figsize=(SIDE_IN, SIDE_IN), dpi=DPI, facecolor=PANEL, layout="constrained")
     canvas, axes = FigureCanvasAgg(figure), figure.add_subplot()
@@ -256,9 +255,7 @@ def _draw_stretch(
                 canvas.draw()
                 figure.set_layout_engine("none")  # what was laid out once stays
             drawing.show(picture)
-            canvas.draw()
-            drawn = fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
-            pictures.append(drawn.quantize(most_colors, dither=Dither.NONE))
+            pictures.append(drawn(canvas, most_colors))
     if not pictures:
         raise ConfigError(f"{view.label}: too short, nothing was tracked")
     return pictures

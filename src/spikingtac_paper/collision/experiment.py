@@ -138,7 +138,7 @@ def _quiet_record(folder: Path, scene: CollisionScene) -> Record:
 
     def recorded() -> Record:
         free = scene.make_free_rig(QUIET_SEED + scene.serial, "rested")
-        calibration = scene.calibration(free)
+        rest = free.image
         quiet: list[tuple[EventPacket, ...]] = []
         sums: list[float] = []
         rng = np.random.default_rng([QUIET_SEED, scene.serial])
@@ -147,8 +147,8 @@ def _quiet_record(folder: Path, scene: CollisionScene) -> Record:
             sums += _frame_sums(centers, rng)
         save_windows(events_path, quiet)
         return {
-            "reference_px": calibration.reference_px.tolist(),
-            "radius_px": calibration.radius_px.tolist(),
+            "reference_px": rest.center_px.tolist(),
+            "radius_px": rest.radius_px.tolist(),
             "frame_threshold_px": quiet_threshold_px(sums),
         }
 
@@ -175,7 +175,7 @@ def _frame_sums(truth: Truth, rng: np.random.Generator) -> list[float]:
 def _detector(folder: Path, scene: CollisionScene, name: str) -> ContactDetector:
     """Return a detector that was calibrated on the scene's quiet recording."""
     record = _quiet_record(folder, scene)
-    calibration = scene.calibration_of(record["reference_px"], record["radius_px"])
+    calibration = scene.calibration(record["reference_px"], record["radius_px"])
     config = DetectionConfig(false_alarms_per_hour=BUDGET_PER_HOUR)
     return make_detector(name, config, [calibration], load_windows(_quiet_paths(folder, scene)[0]))
 

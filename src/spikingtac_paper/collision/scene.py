@@ -75,11 +75,7 @@ class CollisionScene:
         """Return the fast path of the same sensor and probe, without a wall."""
         return FreeRig(self.preset, seed, history=history, serial=self.serial)
 
-    def calibration(self, free: FreeRig) -> Calibration:
-        """Return the true calibration of the sensor in the grip."""
-        return self.calibration_of(free.image.center_px, free.image.radius_px)
-
-    def calibration_of(self, reference_px: ArrayLike, radius_px: ArrayLike) -> Calibration:
+    def calibration(self, reference_px: ArrayLike, radius_px: ArrayLike) -> Calibration:
         """Return the calibration with these rest positions and radii, px."""
         return Calibration(
             reference_px=np.array(reference_px),

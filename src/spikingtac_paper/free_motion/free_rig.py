@@ -27,10 +27,11 @@ from spikingtac.sim import (
     Grasp,
     MarkerImage,
     NoWall,
+    Optics,
+    OpticsConfig,
     Pad,
     Probe,
     ReferenceHistory,
-    SensingFinger,
     SkinState,
     Vibration,
     background_events_kernel,
@@ -307,37 +308,6 @@ def skin_state(pad: Pad, bushing: FloatArray) -> SkinState:
 COVARIANCE_SEED, COVARIANCE_STEPS = 0, 120_000
 
 
-class SmallMotionFinger(SensingFinger):
-    """A sensing finger whose markers move by a small amount only.
-
-    Args:
-        preset: Its camera preset, which fixes the arm's vibration, too.
-        seed: Seed of its noise.
-        history: Initial reference levels of the pixels.
-        serial: Number of the individual sensor.
-    """
-
-    def __init__(
-        self, preset: str, seed: int, *, history: ReferenceHistory = "rested", serial: int = 1
-    ) -> None:
-        super().__init__(preset, seed, history=history, serial=serial)
-        self.sparse_camera = SmallMotionCamera(preset, self.camera.size, seed, serial)
-        self.camera = self.sparse_camera
-        self._pad = Pad()
-        self.image = self._at(np.zeros(DEGREES_OF_FREEDOM))
-        self.camera.settle(self.image, self.history)
-        steps = SLOPE_STEP * np.eye(DEGREES_OF_FREEDOM)
-        pairs = [(self._at(step), self._at(-step)) for step in steps]
-        self.slopes = np.stack(
-            [(forth.center_px - back.center_px) / (2 * SLOPE_STEP) for forth, back in pairs],
-            axis=-1,
-        )
-        self.sparse_camera.linearise(self.image, pairs, bushing_covariance(VIBRATION_MM[preset]))
-
-    def _at(self, bushing: FloatArray) -> MarkerImage:
-        return self.optics.project(skin_state(self._pad, bushing))
-
-
 class FreeRig:
     """A finger on a free probe under the vibration of the cruising arm.
 
@@ -346,19 +316,31 @@ class FreeRig:
         seed: Seed of noise and vibration.
         history: Initial reference levels of the pixels.
         serial: Number of the individual sensor.
+
+    Attributes:
+        camera: Its camera, whose markers move by a small amount only.
+        image: The markers at rest.
     """
 
     def __init__(
         self, preset: str, seed: int, *, history: ReferenceHistory = "rested", serial: int = 1
     ) -> None:
         vibration = VibrationPath(VIBRATION_MM[preset], np.random.default_rng(seed))
-        self._motion = FreeMotion(vibration)
-        self._finger = SmallMotionFinger(preset, seed, history=history, serial=serial)
+        self._motion, self._pad, lens = FreeMotion(vibration), Pad(), OpticsConfig()
+        self._optics = Optics(lens, serial)
+        self.camera = SmallMotionCamera(preset, lens.size, seed, serial)
+        self.image = self._at(np.zeros(DEGREES_OF_FREEDOM))
+        self.camera.settle(self.image, history)
+        steps = SLOPE_STEP * np.eye(DEGREES_OF_FREEDOM)
+        pairs = [(self._at(step), self._at(-step)) for step in steps]
+        self._slopes = np.stack(
+            [(forth.center_px - back.center_px) / (2 * SLOPE_STEP) for forth, back in pairs],
+            axis=-1,
+        )
+        self.camera.linearise(self.image, pairs, bushing_covariance(VIBRATION_MM[preset]))
 
-    @property
-    def image(self) -> MarkerImage:
-        """The markers at rest."""
-        return self._finger.image
+    def _at(self, bushing: FloatArray) -> MarkerImage:
+        return self._optics.project(skin_state(self._pad, bushing))
 
     def advance(self, steps: int) -> tuple[EventPacket, FloatArray]:
         """Advance by a number of milliseconds.
@@ -367,8 +349,8 @@ class FreeRig:
             The events, and the true marker centres ``(steps, m, 2)`` to first order, px.
         """
         bushing = self._motion.advance(steps)
-        moved_px = np.einsum("mcf,sf->smc", self._finger.slopes, bushing)
-        return self._finger.sparse_camera.render_motion(bushing), self.image.center_px + moved_px
+        moved_px = np.einsum("mcf,sf->smc", self._slopes, bushing)
+        return self.camera.render_motion(bushing), self.image.center_px + moved_px
 
 
 @functools.lru_cache(maxsize=16)

@@ -205,17 +205,17 @@ def write_report(report: Report, options: RunOptions, **counts: int) -> dict[str
     name = report.settings.get("experiment") or report.settings["bench"]
     document = {"experiment": name, "provenance": about, "findings": findings}
     write_json(folder / REPORT, document | {"rows": rows})
-    lines = [{name: row[name] for name in COLUMNS} | {"ci95": _ends(row["ci95"])} for row in rows]
+    lines = [
+        {name: row[name] for name in COLUMNS}
+        | {"ci95": " to ".join(f"{end:.6g}" for end in row["ci95"] or ())}
+        for row in rows
+    ]
     write_rows(folder / "tables" / "rows.csv", COLUMNS, lines)
     for number, (_, svg) in enumerate(report.figures, 1):
         write_text(folder / "figures" / f"figure{number}.svg", svg)
     write_text(folder / "report.html", html_page(report, about))
     summary = {"experiment": name, "output": str(folder), **counts}
     return summary | {"rows": len(rows), "findings": findings}
-
-
-def _ends(ci95: Sequence[float] | None) -> str:
-    return " to ".join(f"{end:.6g}" for end in ci95) if ci95 else ""
 
 
 def html_page(report: Report, about: Mapping[str, Any]) -> str:

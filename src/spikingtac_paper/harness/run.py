@@ -168,6 +168,7 @@ def provenance(options: RunOptions, settings: Mapping[str, Any]) -> dict[str, An
     """Return how a report was made: command, settings, code, versions, machine."""
     from spikingtac._version import package_version
 
+    installed = {one.name: one.version for one in metadata.distributions()}
     return {
         "command": options.command(settings),
         "settings": settings,
@@ -175,18 +176,11 @@ def provenance(options: RunOptions, settings: Mapping[str, Any]) -> dict[str, An
         "code_sha256": code_digest(),
         "git_commit": _commit(),
         "python": platform.python_version(),
-        "versions": {name: version for name in VERSIONED if (version := _version(name))},
+        "versions": {name: installed[name] for name in VERSIONED if name in installed},
         "machine": platform.machine(),
         "system": platform.system(),
         "cpus": os.cpu_count(),
     }
-
-
-def _version(name: str) -> str | None:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return None
 
 
 def _commit() -> str | None:

@@ -6,7 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from spikingtac.errors import SearchError
-from spikingtac.geometry import FRICTION, SLIP_SIGMA, Circle, Compensation, TravelModel
+from spikingtac.geometry import (
+    FRICTION,
+    MEAN_REACH_MM,
+    REACH_SIGMA_MM,
+    SLIP_SIGMA,
+    Circle,
+    TravelModel,
+)
 from spikingtac.robot import LEAST_FREE_MM, Prober, Touched, require_room
 from spikingtac.types import FloatArray
 
@@ -98,15 +105,15 @@ def calibrated_circle(touches: list[Touched], travel: TravelModel) -> Circle:
     """
     direction, size, point = _taken(touches, travel)
     angle = np.arctan2(direction[:, 1], direction[:, 0])
-    circle, reach = _circle(point, travel.sigma_mm), Compensation()
+    circle = _circle(point, travel.sigma_mm)
     rows = np.column_stack([direction, np.ones(len(direction))])
     gain = np.linalg.pinv(rows).astype(np.float64)
     # A plain touch slides and remembers: it is nowhere surer than the mean of its calibration.
     known = np.maximum(travel.sigma_at_mm(angle), travel.sigma_mm)
     sigma = _spread_mm(point - circle.center_mm, direction, size, known)
     covariance = (gain * sigma**2) @ gain.T + travel.systematic_mm2(angle, gain)
-    covariance[2, 2] += reach.offset_sigma_mm**2 / 2.0  # the same reach at opposite contacts
-    radius_mm = circle.radius_mm + reach.offset_mm
+    covariance[2, 2] += REACH_SIGMA_MM**2 / 2.0  # the same reach at opposite contacts
+    radius_mm = circle.radius_mm + MEAN_REACH_MM
     return replace(circle, radius_mm=radius_mm, covariance_mm2=covariance)
 
 

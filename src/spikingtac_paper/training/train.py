@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.random import Generator
-from safetensors import safe_open
-from safetensors.torch import save_file
+from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from spikingtac.atomic_files import replacing
@@ -57,6 +56,7 @@ SCENE_SEEDS = (1, 2)
 THREADS = 1  # Threads of the CPU; equal seeds give equal weights with one.
 CONFIG_FILE, LOG_FILE = "config.json", "log.jsonl"
 STATE_FILE, WEIGHTS_FILE = "state.safetensors", "weights.safetensors"
+MOMENTS = ("step", "exp_avg", "exp_avg_sq")  # What the optimiser knows of each parameter.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -278,27 +278,22 @@ class _Run:
         return total / len(pairs.inputs)
 
     def finish(self, rounds: int, line: dict[str, float]) -> None:
-        tensors = {f"network.{name}": one for name, one in self.network.state_dict().items()}
+        tensors = {"rounds": torch.tensor(rounds), **self.network.state_dict()}
         for index, moments in self.optimiser.state_dict()["state"].items():
-            tensors |= {f"optimiser.{index}.{name}": one for name, one in moments.items()}
-        _save(self.folder / STATE_FILE, tensors, {"round": str(rounds)})
+            tensors |= {f"{index}.{name}": moments[name] for name in MOMENTS}
+        _save(self.folder / STATE_FILE, tensors, {})
         with (self.folder / LOG_FILE).open("a", encoding="utf-8") as log:
             log.write(json.dumps({"round": rounds, **line}) + "\n")
 
     def _resume(self, path: Path) -> None:
-        weights: dict[str, Tensor] = {}
-        moments: dict[int, dict[str, Tensor]] = {}
         try:
-            with safe_open(path, framework="pt") as file:
-                self.rounds = int(file.metadata()["round"])
-                for key in file.keys():  # noqa: SIM118
-                    kind, name = key.split(".", 1)
-                    if kind == "network":
-                        weights[name] = file.get_tensor(key)
-                    else:
-                        index, moment = name.split(".")
-                        moments.setdefault(int(index), {})[moment] = file.get_tensor(key)
-            self.network.load_state_dict(weights)
+            tensors = load_file(path)
+            self.rounds = int(tensors["rounds"])
+            self.network.load_state_dict({key: tensors[key] for key in self.network.state_dict()})
+            moments = {
+                index: {name: tensors[f"{index}.{name}"] for name in MOMENTS}
+                for index, _ in enumerate(self.network.parameters())
+            }
         except Exception as error:  # the library raises its own class, OSError or ValueError
             raise ConfigError(f"{str(path)!r} holds no state of this run: {error}") from error
         self.optimiser.load_state_dict({**self.optimiser.state_dict(), "state": moments})

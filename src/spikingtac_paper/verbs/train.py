@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import tyro
 
 from spikingtac.cli import WriteArgs, progress, tell
-from spikingtac.errors import MissingExtraError
+from spikingtac.errors import import_extra
 
 RECORDINGS = "recordings"  # Folder of a run that holds the rendered scenes.
 
@@ -74,12 +74,8 @@ def _recorder(folder: Path) -> Any:
 
 
 def _torch_session() -> Any:
-    try:
-        from spikingtac_paper.training import train as session
-    except ImportError as error:
-        if error.name not in ("torch", "safetensors", "onnx"):
-            raise
-        raise MissingExtraError(
-            f"training needs {error.name}; install it with: pip install 'spikingtac[train]'"
-        ) from error
+    for library in ("torch", "safetensors", "onnx"):
+        import_extra(library, "training", "train")
+    from spikingtac_paper.training import train as session
+
     return session

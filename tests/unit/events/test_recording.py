@@ -43,11 +43,10 @@ def test_a_folder_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert truth["marker_px"].shape == (4, 2, 2)
     assert truth["marker_px"].dtype == np.float32
     assert truth["reference_px"].shape == (2, 2)
-    assert recording.sensors == 2
     assert next(part.t[0] for part in recording.events(1)) == 1
     assert sum(len(part) for part in open_events(tmp_path / "a", sensor=1)) == 40
     manifest = recording.manifest
-    assert (manifest["t_start_us"], manifest["t_end_us"]) == (0, 311)
+    assert (manifest["sensors"], manifest["t_start_us"], manifest["t_end_us"]) == (2, 0, 311)
     assert (manifest["seed"], manifest["losses"]) == (7, {"readout": 3})
     assert manifest["size"] == [32, 24]
 

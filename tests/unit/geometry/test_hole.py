@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from spikingtac.geometry.hole import PRIOR_RADIUS_MM, PRIOR_SIGMA_MM, estimate_hole, fit_circle
 from spikingtac.geometry.travel import (
-    Compensation,
     TravelModel,
     fit_travel,
     hexagon_reach_in_hole_mm,
@@ -185,7 +184,7 @@ def test_no_divergence_and_honest_regions_with_measured_errors(contacts: int, tr
 def test_one_false_contact_among_twelve_moves_the_hole_little() -> None:
     prober = IdealProber(2.0, heading_rad=HEADING_RAD, noise_mm=[0.0] * 8 + [-0.3])
     reading, direction = touched(prober, np.zeros(2), np.arange(12) * np.pi / 6)
-    travel = TravelModel.of(Compensation(travel_mm=0.12))
+    travel = TravelModel.of(0.12)
     known = replace(travel, sigma_mm=0.03, heading_rad=HEADING_RAD)
     hole = estimate_hole(reading, direction, np.zeros(2), known)
     plain_mm = 2.0 / 12.0 * 0.3  # where every contact has the same weight

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from spikingtac.errors import ConfigError, SearchError
-from spikingtac.geometry.travel import Compensation, TravelModel
+from spikingtac.geometry.travel import TravelModel
 from spikingtac.robot.adaptive_search import probe_hole
 from spikingtac_paper.holes.cross_search import calibrated_circle, cross_search, published_circle
 from spikingtac_paper.holes.scoring import REGION
@@ -17,7 +17,7 @@ CENTER_MM = (0.3, -0.2)
 
 
 def travel(heading: float | None = 0.3, sigma_mm: float = 0.03) -> TravelModel:
-    flat = TravelModel.of(Compensation(travel_mm=0.12))
+    flat = TravelModel.of(0.12)
     return replace(flat, sigma_mm=sigma_mm, heading_rad=heading)
 
 
@@ -35,7 +35,7 @@ def test_the_cross_touches_as_published() -> None:
 def test_published_and_calibrated_formulas() -> None:
     """Head-on, a round probe of the paper's constants would be exact; the hexagon is not."""
     prober = IdealProber(2.0, travel_mm=0.4)
-    mean = TravelModel.of(Compensation(travel_mm=0.4))
+    mean = TravelModel.of(0.4)
     touches = cross_search(prober, np.zeros(2), mean)
     printed = published_circle(touches, 0.03)
     measured = np.mean([np.linalg.norm(touch.reading_mm) for touch in touches])

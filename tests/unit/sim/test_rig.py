@@ -109,8 +109,6 @@ PX_PER_MM = 15.5
 class PlainFinger:
     """A pinhole without lens, and a camera that reports one event per image."""
 
-    history = "rested"
-
     def __init__(self) -> None:
         self.images: list[MarkerImage] = []
         self.optics = self.camera = self
@@ -120,7 +118,7 @@ class PlainFinger:
         center = PX_PER_MM * state.marker_mm[:, :2]
         return MarkerImage(state.t_us, center, np.tile(np.eye(2), (count, 1, 1)), np.ones(count))
 
-    def settle(self, image: MarkerImage, _history: str) -> None:
+    def settle(self, image: MarkerImage) -> None:
         self.images = [image]
 
     def advance(self, images: Sequence[MarkerImage]) -> EventPacket:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spikingtac.sim.camera.config import CameraConfig
-from spikingtac.sim.camera.event_camera import EventCamera, ReferenceHistory
+from spikingtac.sim.camera.event_camera import EventCamera
 from spikingtac.sim.optics import MarkerImage, Optics, OpticsConfig
 from spikingtac.sim.rig.pad import Pad
 from spikingtac.sim.rig.probe import Grasp, Probe, Vibration
@@ -49,30 +49,20 @@ class SensingFinger:
         preset: Camera preset ``clean``, ``typical`` or ``noisy``.
         seed: Seed of its noise.
         optics: Lens and discs; the twin's unless given.
-        history: Initial reference levels of the pixels; see
-            :meth:`~spikingtac.sim.camera.event_camera.EventCamera.settle`.
         serial: Number of the individual sensor. It fixes the discs, the mismatch of the pixels and
             the hot pixels.
 
     Attributes:
         optics: The lens.
         camera: The event camera.
-        history: Initial reference levels of its pixels.
     """
 
     def __init__(
-        self,
-        preset: str,
-        seed: int,
-        *,
-        optics: OpticsConfig | None = None,
-        history: ReferenceHistory = "rested",
-        serial: int = 1,
+        self, preset: str, seed: int, *, optics: OpticsConfig | None = None, serial: int = 1
     ) -> None:
         lens = optics or OpticsConfig()
         self.optics = Optics(lens, serial)
         self.camera = EventCamera(grip_camera(preset), lens.size, seed, serial, STILL_PX)
-        self.history: ReferenceHistory = history
 
 
 class FirstContact(NamedTuple):
@@ -128,7 +118,7 @@ class Rig:
         self.probe = Probe(grasp or Grasp(), wall, held_mm)
         self.state = self.probe.at_rest(0)
         self.image = finger.optics.project(self._pad.skin(self.state))
-        finger.camera.settle(self.image, finger.history)
+        finger.camera.settle(self.image)
 
     def relocate(self, to_mm: FloatArray) -> None:
         """Move the arm, at rest, to another place at once. No time passes and no pixel changes.
