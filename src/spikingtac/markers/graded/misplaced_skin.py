@@ -13,6 +13,7 @@ import numpy as np
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.events.hot_pixels import HOT
 from spikingtac.kernels import kernel
+from spikingtac.markers.graded.appearance import steps_of
 from spikingtac.state_map.graded import Array, GradedStateMap
 
 # Mean displacement from which a skin is tested, px (a few markers may stay behind), and the mean
@@ -55,6 +56,8 @@ class MisplacedSkin:
         self._rest_px, self._away_px = calibration.reference_px, 0.0
         self._light = np.full(len(self._rest_px), np.nan)
         self._recovers = calibration.recovery_s is not None
+        # A pixel that its disc has left keeps up to a step of light, half of one on average.
+        self._rise = max(LIGHT_RISE, 0.5 * float(steps_of(calibration).mean(axis=1).max()))
 
     def update(
         self,
@@ -77,16 +80,16 @@ class MisplacedSkin:
         if self._recovers:
             self._light[:] = np.nan
         misplaced, self._away_px = misplaced_kernel(
-            state_map.values, state_map.pixels, self._rest_px, markers, self._light, self._away_px,
-            counts, dt_s, noise_per_s,
+            state_map.values, state_map.pixels, self._rest_px, markers, self._light, self._rise,
+            self._away_px, counts, dt_s, noise_per_s,
         )  # fmt: skip
         return misplaced
 
 
 @kernel()
 def misplaced_kernel(
-    levels: Array, pixels: Array, rest_px: Array, markers: Array, light: Array, nearest_px: float,
-    counts: Array, dt_s: float, noise_per_s: Array,
+    levels: Array, pixels: Array, rest_px: Array, markers: Array, light: Array, rise: float,
+    nearest_px: float, counts: Array, dt_s: float, noise_per_s: Array,
 ) -> tuple[bool, float]:  # pragma: no cover - compiled # fmt: skip
     """Return whether a skin that stands still is misplaced, and its least displacement, px.
 
@@ -100,8 +103,8 @@ def misplaced_kernel(
     if away_px < DISPLACED_PX or speed_px_s > STILL_PX_S:
         return False, nearest_px
     share = -math.expm1(-dt_s / LIGHT_MEMORY_S)
-    rise, error = light_rise_kernel(levels, pixels, rest_px, markers, light, share)
-    if rise > max(LIGHT_RISE, RISE_ERRORS * error):
+    risen, error = light_rise_kernel(levels, pixels, rest_px, markers, light, share)
+    if risen > max(rise, RISE_ERRORS * error):
         return True, nearest_px
     if counts.sum() < NEW_EVENTS + 2.0 * dt_s * noise_per_s.sum():
         return False, nearest_px
