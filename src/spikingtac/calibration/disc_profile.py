@@ -6,7 +6,8 @@ distance q outside of the nominal radius is
 
     S(q) = ln(1 + k / (1 + exp(q / s))) / ln(1 + k),  k = contrast - 1, s = edge_px,
 
-1 in the disc, 0 on the ground, and above one half at the nominal radius.
+1 in the disc, 0 on the ground. At the nominal radius it is above one half, or below for a dark
+disc, whose contrast is below 1.
 """
 
 from dataclasses import dataclass
@@ -17,7 +18,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spikingtac.calibration.sensor_calibration import Calibration
-from spikingtac.errors import ConfigError
 from spikingtac.types import FloatArray
 
 REACH_EDGES = 6.5  # S is within 0.005 of its limits this many edge scales to both sides of the rim.
@@ -38,22 +38,13 @@ class DiscProfile:
     """S(q) of one disc, or of many; see the module for the formula.
 
     Attributes:
-        contrast: Intensity of the disc over that of the ground, above 1; one number, or one for
-            each disc.
+        contrast: Intensity of the disc over that of the ground, below 1 for dark discs; one number,
+            or one for each disc.
         edge_px: Logistic scale of the edge, px; the same.
     """
 
     contrast: Any
     edge_px: Any
-
-    def __post_init__(self) -> None:
-        if not np.all(self.contrast > 1.0):
-            raise ConfigError(
-                f"contrast is {np.min(self.contrast)}, discs must be brighter than their ground "
-                "(above 1); for dark markers give the ratio ground over marker and polarity 'dark'"
-            )
-        if not np.all(self.edge_px > 0.0):
-            raise ConfigError(f"edge_px is {np.min(self.edge_px)}, it must be positive")
 
     def level(self, q_px: NDArray[np.floating] | float) -> FloatArray:
         """Return S(q) for distances of any shape, px (negative inside of the disc)."""
@@ -94,14 +85,11 @@ class Discs(DiscProfile):
 
     @classmethod
     def of(cls, calibration: Calibration) -> "Discs":
-        """Return each marker's own appearance where known, else the sensor's, else a default.
-
-        Raises:
-            ConfigError: A contrast is not above 1, or an edge is not positive.
-        """
+        """Return each marker's own appearance where known, else the sensor's, else a default."""
         contrast = calibration.of_each_marker("contrast", CONTRAST_DEFAULT)
         edge_px = calibration.of_each_marker("edge_px", EDGE_DEFAULT_PX)
-        return cls(contrast, edge_px, calibration.radius_px)
+        darker = calibration.polarity == "dark"
+        return cls(1.0 / contrast if darker else contrast, edge_px, calibration.radius_px)
 
     @property
     def looks(self) -> tuple[FloatArray, FloatArray, NDArray[np.float32]]:

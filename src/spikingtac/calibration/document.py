@@ -74,7 +74,7 @@ class Numbers:
 STEP = Numbers("the share of a full swing of an event", 1e-4, 1.0)
 
 # Above one, and the dynamic range of a camera, 80 dB.
-CONTRAST = Numbers("marker over ground intensity", 1.0001, 1e4)
+CONTRAST = Numbers("the larger of marker and ground over the other", 1.0001, 1e4)
 
 EDGE = Numbers("the scale of a marker's edge, px", 1e-3, 100.0)  # Beyond it nothing is an edge.
 

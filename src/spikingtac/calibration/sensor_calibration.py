@@ -41,7 +41,7 @@ class Calibration:
         step_off: The same for OFF events.
         step_on_map: ``(height, width)`` float32 shares per pixel, 0 where unknown; or None.
         step_off_map: The same for OFF events.
-        contrast: Marker over ground intensity ratio, or None.
+        contrast: Marker over ground intensity, ground over marker for dark ones; or None.
         edge_px: Logistic scale of a marker's edge, px, or None.
         marker_contrast: ``(m,)`` each marker's own contrast, or None (``contrast``).
         marker_edge_px: ``(m,)`` each marker's own edge scale, px, or None (``edge_px``).

@@ -16,7 +16,7 @@ from spikingtac.calibration.document import MAPS, MARKER_NUMBERS, MEASURED, OWN
 from spikingtac.calibration.lens import fit_lens
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.errors import CalibrationError, require_type
-from spikingtac.events.source import EventSource, PacketSource, refuse_path
+from spikingtac.events.source import EventSource, refuse_path
 from spikingtac.markers.calibration.find_markers import (
     CalibrationConfig,
     DetectedMarkers,
@@ -30,7 +30,6 @@ from spikingtac.markers.calibration.layout import Layout
 from spikingtac.markers.calibration.recording import (
     buffer_events,
     flicker_hz,
-    inverted,
     times_at,
     without_hot_pixels,
 )
@@ -88,7 +87,7 @@ def calibrate(
         if config.lens:
             staggered = view.markers.layout.staggered
             calibration = with_lens(calibration, config.pitch_mm, staggered=staggered)
-    return with_delays(_as_recorded(view), calibration) if estimate_lag else calibration
+    return with_delays(view.recorded, calibration) if estimate_lag else calibration
 
 
 def completed(source: EventSource, known: Calibration) -> Calibration:
@@ -115,7 +114,7 @@ def completed(source: EventSource, known: Calibration) -> Calibration:
     except CalibrationError:
         return known
     hot_px = hot_px if known.hot_px is None else known.hot_px
-    return with_delays(_as_recorded(view), replace(seen, hot_px=hot_px))
+    return with_delays(view.recorded, replace(seen, hot_px=hot_px))
 
 
 def _calibration(
@@ -187,7 +186,7 @@ def _appearance(evidence: Evidence, model: Model, quality: Quality) -> dict[str,
     measured, enough = quality.measured, quality.events >= LEAST_STEP_EVENTS
     own = {
         "marker_edge_px": model.discs.edge_px,
-        "marker_contrast": model.discs.contrast,
+        "marker_contrast": np.maximum(model.discs.contrast, 1.0 / model.discs.contrast),
         "marker_step_on": model.steps[0],
         "marker_step_off": model.steps[1],
         "radius_px": model.discs.radius_px,
@@ -205,11 +204,6 @@ def _appearance(evidence: Evidence, model: Model, quality: Quality) -> dict[str,
         single = np.where(of_measured & (np.abs(share - 1.0) > 1e-9), single, 0.0)
         fields[name] = single.reshape(evidence.events.shape).astype(np.float32)
     return fields | {MEASURED: measured, "recovery_s": model.recovery_s or None}
-
-
-def _as_recorded(view: Overview) -> EventSource:
-    events = view.events if view.polarity == "white" else inverted(view.events)
-    return PacketSource([events], events.size)
 
 
 def with_lens(calibration: Calibration, pitch_mm: float, *, staggered: bool = False) -> Calibration:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from spikingtac.errors import CalibrationError, ConfigError
 from spikingtac.events.filters import BackgroundActivityFilter
+from spikingtac.events.source import PacketSource
 from spikingtac.markers.blobs import find_blobs
 from spikingtac.markers.calibration.lattice import LayoutKind
 from spikingtac.markers.calibration.layout import Layout, find_layout
@@ -130,6 +131,12 @@ class Overview:
     rests_us: NDArray[np.int64]
     unloaded: NDArray[np.bool_]
     markers: DetectedMarkers
+
+    @property
+    def recorded(self) -> PacketSource:
+        """The events with the polarities of the recording."""
+        events = self.events if self.polarity == "white" else inverted(self.events)
+        return PacketSource([events], events.size)
 
 
 @dataclass(frozen=True, slots=True)

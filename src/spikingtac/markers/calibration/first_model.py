@@ -78,7 +78,8 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
     """Return the evidence of a recording, and an initial model of it."""
     events, markers = view.events, len(view.markers.center_px)
     index, rests = choose_samples(view)
-    looks = FIRST_CONTRAST, FIRST_EDGE_PX, view.markers.radius_px - SPOT_GROWTH_PX
+    brighter = 1.0 if view.polarity == "white" else -1.0  # exponent of a disc's contrast
+    looks = FIRST_CONTRAST**brighter, FIRST_EDGE_PX, view.markers.radius_px - SPOT_GROWTH_PX
     discs = Discs(*(np.full(markers, value) for value in looks))
     cell = nearest_marker(view.markers.center_px, events.size).ravel()
     noise_hz_px = noise_rates(events, view.rests_us)
@@ -102,7 +103,7 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
     model = with_steps(evidence, tracked(view, index, model, rest_px), rest_px)
     # Where events are lost, a step stands for more than one threshold.
     contrast = np.exp(THRESHOLD / (1.0 - loss) / np.sqrt(model.steps.prod(axis=0))).clip(*CONTRASTS)
-    return evidence, replace(model, discs=replace(discs, contrast=contrast))
+    return evidence, replace(model, discs=replace(discs, contrast=contrast**brighter))
 
 
 def event_loss(events: EventPacket, index: NDArray[np.int64], noise_hz_px: FloatArray) -> float:
@@ -186,15 +187,16 @@ def tracked(view: Overview, index: NDArray[np.int64], model: Model, rest_px: Flo
         grid=None,
         size=view.events.size,
         radius_px=radius_px[seen],
+        polarity=view.polarity,
         marker_edge_px=model.discs.edge_px[seen],
-        marker_contrast=model.discs.contrast[seen],
+        marker_contrast=np.maximum(model.discs.contrast, 1.0 / model.discs.contrast)[seen],
         step_on=float(np.median(model.steps[0])),
         step_off=float(np.median(model.steps[1])),
         marker_step_on=model.steps[0, seen],
         marker_step_off=model.steps[1, seen],
         recovery_s=model.recovery_s or None,
     )
-    packets, further = [], view.events
+    packets, further = [], next(iter(view.recorded))
     for end_us in times_at(view.events, index).tolist():
         packet, further = further.split(end_us)
         packets.append(packet)

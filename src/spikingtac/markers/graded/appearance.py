@@ -68,10 +68,6 @@ RING_PX = 0.25  # Resolution of distance in the index of the window's pixels, px
 LANES = 16  # Pixels in the widest vectors of processors (AVX-512, 512 bits of float32).
 PHASES = 4  # Subpixel cells along a pixel's side; the window is sorted for each of them.
 
-# Events in steady motion over events of full swings: noise near a threshold adds some (1.04 to 1.09
-# on training scenes, 1.05 on v2e's sensors, simulated).
-EXTRA_EVENTS = 1.05
-
 
 def steps_of(calibration: Calibration) -> FloatArray:
     """Return ``(2, m)`` shares of the full swing per ON and OFF event of each marker."""
@@ -137,11 +133,14 @@ def crossing_px(calibration: Calibration) -> FloatArray:
 def events_per_px(calibration: Calibration) -> FloatArray:
     """Return ``(m,)`` events of a stream without loss per px of each marker's motion.
 
-    A swept pixel swings up and down once. Either way takes 1 / step - 1 events, and both together
-    at least one event, also with steps of 1 (a binary map).
+    A pixel that is swept swings up and down once, as far as the disc's level at its distance from
+    the line of motion. Either way takes swing / step - 1 events; both together take at least one
+    where the swing is full, also with steps of 1 (a binary map).
     """
-    swing_events = np.maximum((1.0 / steps_of(calibration)).sum(axis=0) - 2.0, 1.0)
-    return 2.0 * calibration.radius_px * EXTRA_EVENTS * swing_events
+    discs, per_swing = Discs.of(calibration), (1.0 / steps_of(calibration)).sum(axis=0)
+    away_px = np.arange(0.5 * RING_PX, discs.radius_px.max() + REACH_PX, RING_PX)[:, np.newaxis]
+    swing = discs.level(away_px - discs.radius_px)
+    return 2.0 * RING_PX * np.maximum(swing * per_swing - 2.0, swing).sum(axis=0)
 
 
 class FitWindow(NamedTuple):

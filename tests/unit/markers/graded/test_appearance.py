@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.disc_profile import Discs, nearest_marker
-from spikingtac.markers.graded.appearance import needs_dead_bands, painted_map, steps_of
+from spikingtac.markers.graded.appearance import (
+    events_per_px,
+    needs_dead_bands,
+    painted_map,
+    steps_of,
+)
 from spikingtac.state_map.graded import STEP_DEFAULT
+from spikingtac.types import Polarity
 from stand_ins.known import known
 
 PLAIN = known(np.array([[20.0, 20.0], [60.0, 20.0]]), np.array([6.0, 7.0]), (80, 40), (1, 2))
@@ -28,6 +34,20 @@ def test_pixels_without_a_step_of_their_own_take_their_markers() -> None:
     steps = painted_map(calibration).pixels
     assert steps["on"][20, [20, 21, 61]] == pytest.approx([0.05, 0.1, 0.2])
     assert steps["off"][20, 21] == pytest.approx(-STEP_DEFAULT)
+
+
+@pytest.mark.parametrize(("polarity", "step"), [("white", 0.3), ("dark", 1 / 7)])
+def test_events_per_px_are_those_of_ideal_pixels(polarity: Polarity, step: float) -> None:
+    """Rows of pixels 0.05 px apart, each at a random threshold, are swept 30 times."""
+    calibration = replace(PLAIN, polarity=polarity, step_on=step, step_off=step)
+    rng, count, spacing_px = np.random.default_rng(0), 0, 0.05
+    for y_px in np.arange(-15.0, 15.0, spacing_px):
+        reference = rng.uniform(-0.5, 0.5) * step
+        for turn, level in enumerate([Discs.of(calibration).level(abs(y_px) - 6.0)[0], 0.0] * 30):
+            events = np.fix((level - reference) / step)
+            reference += events * step
+            count += abs(events) * (turn > 3)
+    assert events_per_px(calibration)[0] == pytest.approx(count / 28 * spacing_px, rel=0.02)
 
 
 @pytest.mark.parametrize("whole", [True, False])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spikingtac.markers.graded import event_loss
-from spikingtac.markers.graded.appearance import DEAD_US, EXTRA_EVENTS, crossing_px
+from spikingtac.markers.graded.appearance import DEAD_US, crossing_px, events_per_px
 from spikingtac.markers.graded.event_loss import EventLoss
 from stand_ins.known import known, moving_markers
 
@@ -12,7 +12,7 @@ STEP = 1.0 / 7.0  # Six events of a full swing, and one step of dead band: 1 / (
 SIZE = (320, 40)
 REFERENCE_PX = np.column_stack([np.linspace(16.0, 304.0, 10), np.full(10, 20.0)])
 CALIBRATION = known(REFERENCE_PX, 7.0, SIZE, (1, 10), STEP)
-EVENTS_PER_PX = 4 * 7.0 * 6.0 * EXTRA_EVENTS
+EVENTS_PER_PX = events_per_px(CALIBRATION)[0]
 BACKGROUND_PER_MS = 20
 SPEED_PX_S = 200.0
 # Share of the calibrated events of a swing that the dead time leaves at that speed.
