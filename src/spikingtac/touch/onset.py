@@ -45,8 +45,6 @@ def unseen_px(string: FloatArray, pattern: FloatArray) -> float:
 # noticed after 15 to 70 ms).
 HISTORY_US = 400_000
 
-# Share of the pattern at which a rise is under way: what lies well before is rest.
-RISEN_SHARE = 0.25
 BASE_US = 100_000  # Span of rest whose median is the level from which the motion rises, us.
 
 # Time between the rest and the rise that is looked at for neither, at the least, us.
@@ -123,11 +121,9 @@ class OnsetMemory:
         along = fields @ self._pattern.ravel() / max(float((self._pattern**2).sum()), 1e-12)
         noticed = int(np.searchsorted(times, self._noticed_us or 0))
         along = along - along[noticed] + 1.0
-        before = np.flatnonzero(along[: noticed + 1] < RISEN_SHARE)
-        if not len(before):
-            return int(times[0])
-        last = int(before[-1])
-        # Rows of rest before the rise, of which a quarter is done at the row ``last``.
+        # The rise sets in where it lies farthest below its chord, whatever crept before.
+        chord = np.interp(times, times[[0, -1]], along[[0, -1]])
+        last = int((along - chord)[: noticed + 1].argmin())
         until_us = times[last] - max(2 * (times[noticed] - times[last]), LEAST_GAP_US)
         first, stop = np.searchsorted(times, [until_us - BASE_US, until_us])
         rest = slice(first, max(stop, first + 1))
