@@ -47,9 +47,6 @@ HISTORY_US = 400_000
 
 BASE_US = 100_000  # Span of rest whose median is the level from which the motion rises, us.
 
-# Time between the rest and the rise that is looked at for neither, at the least, us.
-LEAST_GAP_US = 10_000
-
 # Shares of the pattern between which the rise is fitted (up to 1.0 and from 0.3 to 2.0 err
 # more on the ten scenes).
 FIRST_SHARE, LAST_SHARE = 0.2, 1.5
@@ -124,11 +121,8 @@ class OnsetMemory:
         # The rise sets in where it lies farthest below its chord, whatever crept before.
         chord = np.interp(times, times[[0, -1]], along[[0, -1]])
         last = int((along - chord)[: noticed + 1].argmin())
-        until_us = times[last] - max(2 * (times[noticed] - times[last]), LEAST_GAP_US)
-        first, stop = np.searchsorted(times, [until_us - BASE_US, until_us])
-        rest = slice(first, max(stop, first + 1))
-        string = self._frames[rest.stop - 1][2]
-        unseen = unseen_px(string, self._pattern) if self._sees_changes else 0.0
+        rest = slice(np.searchsorted(times, times[last] - BASE_US), last + 1)
+        unseen = unseen_px(self._frames[last][2], self._pattern) if self._sees_changes else 0.0
         largest = float(np.sqrt((self._pattern**2).sum(axis=1).max()))
         above = along - float(np.median(along[rest]))
         return _extrapolated(times, above, last, unseen / max(largest, 1e-9))

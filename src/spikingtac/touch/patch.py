@@ -59,22 +59,6 @@ class Patch:
     outline: FloatArray
 
 
-def patch_of_cells(corners: FloatArray, weights: FloatArray) -> Patch:
-    """Return the patch that cells make up.
-
-    Args:
-        corners: ``(c, 4, 2)`` corners of each cell; at least one cell.
-        weights: ``(c,)`` how surely each is touched; they weigh the centre.
-    """
-    # A late import: every verb's start would wait for it.
-    from scipy.spatial import ConvexHull
-
-    points = corners.reshape(-1, 2)
-    hull = ConvexHull(points)
-    place = weights @ corners.mean(axis=1) / weights.sum()
-    return Patch(place, float(hull.volume), points[hull.vertices])  # in a plane, its area
-
-
 class PatchFeatures:
     """How the neighbourhood of every marker of one sensor has moved.
 
@@ -227,6 +211,13 @@ class PatchEstimator:
 
     def patch(self, displacement: FloatArray) -> Patch:
         """Return the touched part of a skin that is touched somewhere; see :meth:`probability`."""
+        # A late import: every verb's start would wait for it.
+        from scipy.spatial import ConvexHull
+
         probability = self.probability(displacement)
         touched = probability > LIKELY * probability.max()
-        return patch_of_cells(self._corners[touched], probability[touched])
+        cells, weights = self._corners[touched], probability[touched]
+        place = weights @ cells.mean(axis=1) / weights.sum()
+        points = cells.reshape(-1, 2)
+        hull = ConvexHull(points)
+        return Patch(place, float(hull.volume), points[hull.vertices])  # in a plane, its area
