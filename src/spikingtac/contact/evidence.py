@@ -13,7 +13,8 @@ whitened squared sums; testing n = 1, 2, 4, ... loses at most a factor of sqrt(2
 1995, window-limited rules).
 
 One more sum measures the distance of the discs from their rest positions in any direction: a
-displaced disc leaves the inside of its rim darker and the outside brighter than at rest.
+displaced disc leaves the inside of its rim darker and the outside brighter than at rest. A pixel
+that came back still lacks its last event, so each counts from its second event away on.
 
 A change of the light fires pixels everywhere, with one polarity. Once a marker has moved, its rim's
 pixels are unevenly close to their thresholds, and their events need not cancel. The events beside
@@ -62,11 +63,15 @@ class RimTable(NamedTuple):
             whole field, and for a distance from the rest; an OFF event gives the opposite. The
             first two modes are the translations: there the evidence is the rim's outward unit
             vector, in image axes.
+        steps: ``(2,)`` change of a pixel's level by an OFF and by an ON event, 1 on average.
+        level: ``(n,)`` level of each row's pixel, from where it was first. Its events change it.
         markers: Number of markers.
     """
 
     row: NDArray[np.int32]
     modes: NDArray[np.float32]
+    steps: FloatArray
+    level: FloatArray
     markers: int
 
     def without(self, pixels: NDArray[np.bool_]) -> RimTable:
@@ -86,7 +91,10 @@ def rim_table(calibration: Calibration) -> RimTable:
     side = np.sign(depth[on_rim])
     # Without their mean: ON events at a uniform rate, as from leak, give no distance.
     modes = sign * np.column_stack([along, side - side.sum() / max(len(side), 1)])
-    return RimTable(row.astype(np.int32), modes.astype(np.float32), len(calibration.reference_px))
+    steps = np.array([-(calibration.step_off or 1.0), calibration.step_on or 1.0])
+    steps /= np.abs(steps).mean()
+    columns = row.astype(np.int32), modes.astype(np.float32), steps, np.zeros(len(modes))
+    return RimTable(*columns, len(calibration.reference_px))
 
 
 def affine_field(points_px: FloatArray) -> FloatArray:
@@ -113,7 +121,7 @@ def evidence_of(window: Window, tables: Sequence[RimTable]) -> FloatArray:
 
     Args:
         window: The events of one period.
-        tables: The rims of each sensor, in the window's order.
+        tables: The rims of each sensor, in the window's order; their pixels' levels change.
 
     Raises:
         ConfigError: The window has another number of sensors, or sensors of another size.
@@ -126,7 +134,7 @@ def evidence_of(window: Window, tables: Sequence[RimTable]) -> FloatArray:
     evidence = np.zeros((len(tables), POLARITIES, MODES))
     for packet, table, sums in zip(packets, tables, evidence, strict=True):
         packet.require_map(table.row.shape)
-        evidence_kernel(packet.x, packet.y, packet.p, table.row, table.modes, sums)
+        evidence_kernel(packet.x, packet.y, packet.p, *table[:4], sums)
     return evidence.ravel()
 
 
@@ -146,9 +154,14 @@ def evidence_kernel(
     p: NDArray[np.bool_],
     row: NDArray[np.int32],
     modes: NDArray[np.float32],
+    steps: FloatArray,
+    level: FloatArray,
     evidence: FloatArray,
 ) -> None:
     """Add a packet's evidence to ``evidence (2, modes)`` by polarity.
+
+    A pixel may be off its level by the step to its next event, either way: only what lies beyond
+    is a distance. So a pixel that came back, but for the event that it lacks, is back.
 
     The table's columns are separate parameters: a call with a tuple of arrays takes twice as long.
     """
@@ -158,8 +171,12 @@ def evidence_kernel(
         if place == OFF_RIM:
             evidence[polarity, BESIDE] += 1.0
         else:
-            for mode in range(BESIDE):
+            for mode in range(AFFINE_MODES):
                 evidence[polarity, mode] += (2 * polarity - 1) * modes[place, mode]
+            before, after = level[place], level[place] + steps[polarity]
+            within = min(max(after, -steps[1]), -steps[0]) - min(max(before, -steps[1]), -steps[0])
+            evidence[polarity, AFFINE_MODES] += (after - before - within) * modes[place, -1]
+            level[place] = after
 
 
 class ScaleTest(NamedTuple):

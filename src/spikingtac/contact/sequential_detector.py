@@ -15,26 +15,15 @@ from collections.abc import Iterable, Sequence
 
 from spikingtac.calibration.sensor_calibration import Calibration
 from spikingtac.contact.detector import DetectorSummary, Period, Window, check_budget, packets_of
-from spikingtac.contact.evidence import (
-    ScaleSums,
-    ScaleTest,
-    distance_of,
-    evidence_of,
-    rim_table,
-)
+from spikingtac.contact.evidence import ScaleSums, ScaleTest, distance_of, evidence_of, rim_table
 from spikingtac.contact.quiet_evidence import QuietEvidence, quiet_evidence, scale_test
 from spikingtac.errors import CalibrationError
 from spikingtac.types import US_PER_S, Contact, FloatArray
 
-# Share of their largest distance from rest below which the markers have returned (21 scenes of the
-# twin: up to 0.26 remains 60 ms after a contact, and 0.4 and more during one).
+# Share of their largest distance from rest below which the markers have returned (16 scenes of the
+# twin: up to 0.25 remains 60 ms after a contact, and 0.38 and more while a body presses).
 BACK_SHARE = 0.3
 NO_DISTANCE = 0.25  # Insignificant evidence for a distance, per marker (up to 4 are alike).
-
-# Standard deviations of the quiet windows' distance, summed since the markers returned, by which
-# they have to move away in addition (a simulated sensor with 3 Hz of noise per pixel: 2 of 11
-# contacts were followed by a false one, now none; 3 and 5 are alike).
-NOISE_SIGMA = 3.0
 
 # Windows in a row after which a contact ends whose markers have returned. In none of them they move
 # away, but they may creep on towards the rest (another simulator: of 274 contacts 30 began while
@@ -43,8 +32,13 @@ REST_WINDOWS = 50
 
 # Windows in a row without any motion after which any may be a contact, and not only one away from
 # rest: the skin creeps after a release, which the longest scale detects late (250 to 350 are
-# alike).
+# alike). A contact whose markers have not left yet ends after as many (with 50, 4 of 6 slow presses
+# on a simulated sensor of rare OFF events were told twice).
 CREEP_WINDOWS = 300
+
+# Windows without motion in which the pixels' levels are forgotten to 37 %, since leak and noise
+# change them, too: of a leak of 0.1 Hz one event is left.
+LEVEL_WINDOWS = 10_000
 
 
 class ReleaseMonitor:
@@ -53,41 +47,37 @@ class ReleaseMonitor:
     Args:
         total: ``(length,)`` evidence of the contact up to the decision.
         markers: Number of markers, over all sensors.
-        noise: Standard deviation of the distance of one quiet window.
 
     Attributes:
         over: True once the markers have returned and stayed at rest.
+        rest: Windows in a row at rest that end the contact; more where they have not left yet.
     """
 
-    def __init__(self, total: FloatArray, markers: int, noise: float) -> None:
-        self.over = False
+    def __init__(self, total: FloatArray, markers: int) -> None:
+        self.over, self.rest = False, CREEP_WINDOWS
         self._distance = self._farthest = distance_of(total)
-        self._none, self._noise = NO_DISTANCE * markers, noise
+        self._none = NO_DISTANCE * markers
         self._nearest, self._windows = math.inf, 0  # since the markers returned
 
-    def add(self, evidence: FloatArray) -> None:
-        """Take the evidence of the next window."""
+    def add(self, evidence: FloatArray) -> bool:
+        """Take the next window's evidence; return whether markers that had returned move away."""
         self._distance += distance_of(evidence)
         self._farthest = max(self._farthest, self._distance)
-
-    def left(self) -> bool:
-        """Return whether the markers, which had returned, are moving away."""
         return self._is_beyond(self._nearest)
 
     def _is_beyond(self, distance: float) -> bool:
         """Return whether the markers are clearly farther than a distance."""
         clear = self._none if self.over else max(BACK_SHARE * self._farthest, self._none)
-        noise = NOISE_SIGMA * self._noise * math.sqrt(self._windows)
-        return self._distance > distance + clear + noise
+        return self._distance > distance + clear
 
     def back(self) -> bool:
         """Return whether the markers have returned, or had when the contact ended."""
         nearest = 0.0 if math.isinf(self._nearest) else max(self._nearest, 0.0)
         if not self.over and self._is_beyond(nearest):
-            self._nearest, self._windows = math.inf, 0
+            self._nearest, self._windows, self.rest = math.inf, 0, REST_WINDOWS
             return False
         self._windows += 1
-        if self._windows >= REST_WINDOWS and (self.over or self._farthest > self._none):
+        if self._windows >= self.rest and (self.over or self._farthest > self._none):
             self._nearest = min(self._nearest, self._distance)
         return True
 
@@ -109,7 +99,6 @@ class SequentialMotionDetector:
         self._learned, self._sums = learned, ScaleSums(test)
         self._period = Period(round(learned.statistics.period_s * US_PER_S))
         self._markers = sum(table.markers for table in learned.tables)
-        self._noise = float(distance_of(learned.evidence).std())
         self.reset()
 
     @classmethod
@@ -144,12 +133,15 @@ class SequentialMotionDetector:
         ratio = values / self.test.threshold
         scale = int(ratio.argmax())
         found = bool(ratio[scale] > 1.0)
-        if self._release is not None:
-            self._release.add(evidence)
-            found = self._is_next(self._release, scale if found else None)
+        if self._release is None:
+            self._still += 1
+        else:
+            found = self._is_next(self._release, evidence, scale if found else None)
         if not found:
             return None
-        self._release = ReleaseMonitor(self._sums.total(scale), self._markers, self._noise)
+        self._release = ReleaseMonitor(self._sums.total(scale), self._markers)
+        for table in self._learned.tables:
+            table.level[:] *= math.exp(-self._still / LEVEL_WINDOWS)
         self.in_contact, self._calm, self._still = True, 0, 0
         t_us = packets_of(window)[0].t_end_us
         return Contact(t_us, float(values[scale]), float(self.test.threshold[scale]))
@@ -174,8 +166,10 @@ class SequentialMotionDetector:
         self._release: ReleaseMonitor | None = None
         self.in_contact, self._calm, self._still = False, 0, 0
         self._sums.reset()
+        for table in self._learned.tables:
+            table.level[:] = 0.0
 
-    def _is_next(self, release: ReleaseMonitor, found: int | None) -> bool:
+    def _is_next(self, release: ReleaseMonitor, evidence: FloatArray, found: int | None) -> bool:
         """Follow a contact to its end; return whether the next one has begun.
 
         Once the markers have come back, the contact ends when they rest, creep on towards the
@@ -183,9 +177,10 @@ class SequentialMotionDetector:
 
         Args:
             release: Follows the markers.
+            evidence: Of the next window.
             found: The scale that exceeds its threshold, None where none does.
         """
-        left, back = release.left(), release.back()
+        left, back = release.add(evidence), release.back()
         # Where no scale saw them leave, they are away although the last contact has ended.
         if found is not None and (left or not (back or self.in_contact)):
             return True
@@ -194,9 +189,9 @@ class SequentialMotionDetector:
             self._sums.reset()  # the same windows must not find the same motion again
         self._calm = self._calm + 1 if back and not departs else 0
         self._still = self._still + 1 if back and found is None else 0
-        if self._calm >= REST_WINDOWS:
+        if self._calm >= release.rest:
             self.in_contact = False
-        release.over |= self._still >= REST_WINDOWS
+        release.over |= self._still >= release.rest
         if self._still >= CREEP_WINDOWS:
             self._release = None
         return False

@@ -5,12 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from spikingtac.contact.evidence import AFFINE_MODES, MODES
-from spikingtac.contact.sequential_detector import (
-    REST_WINDOWS,
-    ReleaseMonitor,
-    SequentialMotionDetector,
-)
+from spikingtac.contact.sequential_detector import REST_WINDOWS, SequentialMotionDetector
 from spikingtac.types import Contact, EventPacket
 from stand_ins.moving_rims import SIZE, calibration, windows
 from stand_ins.random_packets import packet_of
@@ -120,13 +115,3 @@ def test_a_step_of_the_light_is_no_contact(
     stream[100] = EventPacket.concatenate([step, stream[100]])
     contacts, _ = course(detector, iter(stream))
     assert [contact.t_us // 1000 for contact in contacts] == pytest.approx([401], abs=3)
-
-
-def test_markers_leave_by_more_than_the_noise_since_they_returned() -> None:
-    away = np.eye(MODES)[AFFINE_MODES]
-    release = ReleaseMonitor(1000.0 * away, 9, noise=5.0)
-    release.add(-1000.0 * away)
-    release.over = all([release.back() for _ in range(REST_WINDOWS)])
-    for more, left in ((80.0, False), (80.0, True)):
-        release.add(more * away)
-        assert release.left() == left
