@@ -88,8 +88,8 @@ class Discs(DiscProfile):
         """Return each marker's own appearance where known, else the sensor's, else a default."""
         contrast = calibration.of_each_marker("contrast", CONTRAST_DEFAULT)
         edge_px = calibration.of_each_marker("edge_px", EDGE_DEFAULT_PX)
-        darker = calibration.polarity == "dark"
-        return cls(1.0 / contrast if darker else contrast, edge_px, calibration.radius_px)
+        over_ground = 1.0 / contrast if calibration.polarity == "dark" else contrast
+        return cls(over_ground, edge_px, calibration.radius_px)
 
     @property
     def looks(self) -> tuple[FloatArray, FloatArray, NDArray[np.float32]]:

@@ -76,12 +76,12 @@ STEP_BOUNDS = (0.01, 1.0)  # Least and largest step, shares of a full swing.
 
 def first_model(view: Overview) -> tuple[Evidence, Model]:
     """Return the evidence of a recording, and an initial model of it."""
-    events, markers = view.events, len(view.markers.center_px)
-    index, rests = choose_samples(view)
-    brighter = 1.0 if view.polarity == "white" else -1.0  # exponent of a disc's contrast
+    events, rest_px = view.events, view.markers.center_px
+    (index, rests), markers = choose_samples(view), len(rest_px)
+    brighter = 1.0 if view.polarity == "white" else -1.0  # Exponent of a disc's contrast.
     looks = FIRST_CONTRAST**brighter, FIRST_EDGE_PX, view.markers.radius_px - SPOT_GROWTH_PX
     discs = Discs(*(np.full(markers, value) for value in looks))
-    cell = nearest_marker(view.markers.center_px, events.size).ravel()
+    cell = nearest_marker(rest_px, events.size).ravel()
     noise_hz_px = noise_rates(events, view.rests_us)
     states = choose_states(len(index), rests, events.pixels)
     loss = event_loss(events, index[rests[view.unloaded]], noise_hz_px)
@@ -92,14 +92,13 @@ def first_model(view: Overview) -> tuple[Evidence, Model]:
     # Never smaller: a marker that hardly moves shows only noise and partial swings.
     steps = np.maximum(np.where(many, own, 0.0), view.steps[:, np.newaxis])
     model = Model(
-        center_px=np.tile(view.markers.center_px, (len(index), 1, 1)),
+        center_px=np.tile(rest_px, (len(index), 1, 1)),
         stretch_px=np.zeros((len(index), markers, 3)),
         discs=discs,
         steps=steps.clip(*STEP_BOUNDS),
         pixel=np.ones((2, events.pixels)),
         residual=np.zeros(markers),
     )
-    rest_px = view.markers.center_px
     model = with_steps(evidence, tracked(view, index, model, rest_px), rest_px)
     # Where events are lost, a step stands for more than one threshold.
     contrast = np.exp(THRESHOLD / (1.0 - loss) / np.sqrt(model.steps.prod(axis=0))).clip(*CONTRASTS)

@@ -8,15 +8,8 @@ import numpy as np
 from spikingtac.events.source import PacketSource
 from spikingtac.markers.calibration.recording import buffer_events, find_rests, flicker_hz
 from spikingtac.types import EventPacket
-from stand_ins.random_packets import assert_equal, cut_at, random_packet
 
 SIZE = (30, 20)
-
-
-def test_a_recording_is_buffered_whole() -> None:
-    whole = random_packet(5, 3_000, SIZE, first_us=7_000)
-    parts = cut_at(whole, [7_000, 9_000, 12_345, whole.t_end_us])
-    assert_equal(buffer_events(PacketSource(parts, SIZE)), whole)
 
 
 def test_motion_between_two_rests_and_flicker() -> None:

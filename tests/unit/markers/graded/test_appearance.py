@@ -6,14 +6,8 @@ import numpy as np
 import pytest
 
 from spikingtac.calibration.disc_profile import Discs, nearest_marker
-from spikingtac.markers.graded.appearance import (
-    events_per_px,
-    needs_dead_bands,
-    painted_map,
-    steps_of,
-)
+from spikingtac.markers.graded.appearance import needs_dead_bands, painted_map, steps_of
 from spikingtac.state_map.graded import STEP_DEFAULT
-from spikingtac.types import Polarity
 from stand_ins.known import known
 
 PLAIN = known(np.array([[20.0, 20.0], [60.0, 20.0]]), np.array([6.0, 7.0]), (80, 40), (1, 2))
@@ -36,20 +30,6 @@ def test_pixels_without_a_step_of_their_own_take_their_markers() -> None:
     assert steps["off"][20, 21] == pytest.approx(-STEP_DEFAULT)
 
 
-@pytest.mark.parametrize(("polarity", "step"), [("white", 0.3), ("dark", 1 / 7)])
-def test_events_per_px_are_those_of_ideal_pixels(polarity: Polarity, step: float) -> None:
-    """Rows of pixels 0.05 px apart, each at a random threshold, are swept 30 times."""
-    calibration = replace(PLAIN, polarity=polarity, step_on=step, step_off=step)
-    rng, count, spacing_px = np.random.default_rng(0), 0, 0.05
-    for y_px in np.arange(-15.0, 15.0, spacing_px):
-        reference = rng.uniform(-0.5, 0.5) * step
-        for turn, level in enumerate([Discs.of(calibration).level(abs(y_px) - 6.0)[0], 0.0] * 30):
-            events = np.fix((level - reference) / step)
-            reference += events * step
-            count += abs(events) * (turn > 3)
-    assert events_per_px(calibration)[0] == pytest.approx(count / 28 * spacing_px, rel=0.02)
-
-
 @pytest.mark.parametrize("whole", [True, False])
 def test_the_nearest_marker_owns_a_pixel(whole: bool) -> None:
     rng, size = np.random.default_rng(4), (150, 70)
@@ -62,10 +42,8 @@ def test_the_nearest_marker_owns_a_pixel(whole: bool) -> None:
 
 
 def test_large_steps_and_wide_edges_need_dead_bands_unless_pixels_recover() -> None:
-    assert not needs_dead_bands(PLAIN)
-    assert not needs_dead_bands(replace(PLAIN, step_on=0.12, step_off=0.29))
-    assert needs_dead_bands(replace(PLAIN, step_on=0.31, step_off=0.2))
-    assert not needs_dead_bands(replace(PLAIN, edge_px=1.1))
-    assert needs_dead_bands(replace(PLAIN, edge_px=1.3))
-    blurred = replace(PLAIN, step_on=0.15, step_off=0.31, edge_px=1.3, recovery_s=0.2)
-    assert not needs_dead_bands(blurred)
+    blurred = {"step_on": 0.15, "step_off": 0.31, "edge_px": 1.3}
+    for own in {"step_on": 0.31, "step_off": 0.2}, {"edge_px": 1.3}, blurred:
+        assert needs_dead_bands(replace(PLAIN, **own))
+    for own in {}, {"step_off": 0.29}, {"edge_px": 1.1}, blurred | {"recovery_s": 0.2}:
+        assert not needs_dead_bands(replace(PLAIN, **own))

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from spikingtac.calibration.disc_profile import Discs
 from spikingtac.markers.graded import event_loss
 from spikingtac.markers.graded.appearance import DEAD_US, crossing_px, events_per_px
 from spikingtac.markers.graded.event_loss import EventLoss
@@ -21,6 +22,19 @@ LEFT = (1.0 + event_loss.USUAL_PX_S * PER_PX_S) / (1.0 + SPEED_PX_S * PER_PX_S)
 STROKE_PX = 8.0  # To and fro about the rest.
 NONE = np.zeros(11, np.int64)
 AREA_PX = np.append(np.full(10, 32 * 40), 0)  # In each gate, and in none.
+
+
+@pytest.mark.parametrize(("polarity", "step"), [("white", 0.3), ("white", STEP), ("dark", STEP)])
+def test_events_per_px_are_those_of_ideal_pixels(polarity: str, step: float) -> None:
+    """Rows of pixels 0.05 px apart, each at a random threshold, are swept 30 times."""
+    calibration = known(REFERENCE_PX, 7.0, SIZE, (1, 10), step, polarity=polarity)
+    away_px = np.abs(np.arange(-15.0, 15.0, 0.05))
+    swing = Discs.of(calibration).level(away_px[:, np.newaxis] - 7.0)[:, 0]
+    reference, count = np.random.default_rng(0).uniform(-0.5, 0.5, len(swing)) * step, 0
+    for turn, level in enumerate([swing, 0.0 * swing] * 30):
+        events = np.fix((level - reference) / step)
+        reference, count = reference + events * step, count + np.abs(events).sum() * (turn > 3)
+    assert events_per_px(calibration)[0] == pytest.approx(count / 28 * 0.05, rel=0.02)
 
 
 def watched(ratio: float, moving: int = 10, seconds: float = 3.0) -> EventLoss:
@@ -42,15 +56,10 @@ def watched(ratio: float, moving: int = 10, seconds: float = 3.0) -> EventLoss:
 
 
 @pytest.mark.parametrize("moving", [1, 10])
-def test_a_whole_stream_is_found_whole(moving: int) -> None:
-    assert watched(1.0, moving).arrival_ratio == 1.0
-
-
-@pytest.mark.parametrize("moving", [1, 10])
-@pytest.mark.parametrize("ratio", [0.8, 0.7, 0.5, 0.3])
+@pytest.mark.parametrize("ratio", [1.0, 0.8, 0.7, 0.5, 0.3])
 def test_the_ratio_of_events_that_arrive_is_found(ratio: float, moving: int) -> None:
     """Also where one marker moves and nine rest: a touch moves few."""
-    assert watched(ratio, moving).arrival_ratio == pytest.approx(ratio, abs=0.04)
+    assert watched(ratio, moving).arrival_ratio == pytest.approx(ratio, abs=0.04 * (ratio < 1.0))
 
 
 def test_snaps_creep_and_short_strokes_of_wide_edges_are_not_counted() -> None:
