@@ -6,6 +6,7 @@ from .detector import Window as Window
 from .detector import count_of as count_of
 from .detector import packets_of as packets_of
 from .recording import LEAST_QUIET_WINDOWS as LEAST_QUIET_WINDOWS
+from .recording import come_in_bursts as come_in_bursts
 from .recording import find_contacts as find_contacts
 from .recording import leading_quiet as leading_quiet
 from .recording import paired_windows as paired_windows

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from spikingtac.contact import come_in_bursts
 from spikingtac.contact.detector import WINDOW_US
 from spikingtac.contact.recording import _aligned, find_contacts, leading_quiet, quietest
 from spikingtac.contact.registry import EventCountDetector
@@ -63,3 +64,9 @@ QUIETEST = quietest, [9] * 100 + [2, 1] * 150 + [9] * 200, [0] * 600, (100, 400)
 @pytest.mark.parametrize(("stretch_of", "off", "on", "stretch"), [LIGHT, QUIETEST])
 def test_the_quiet_stretch(stretch_of, off, on, stretch):
     assert stretch_of([list(map(window, range(len(off)), off, on))]) == stretch
+
+
+def test_a_press_in_quiet_windows_is_told_from_batches_and_vibration() -> None:
+    batches, shaken = [0, 0, 0, 0, 9] * 100, [*[2] * 33, *[9] * 33] * 8
+    for counts, pressed in (batches, False), (shaken, False), ([1] * 450 + [90] * 50, True):
+        assert come_in_bursts(map(window, range(500), counts)) == pressed

@@ -215,8 +215,9 @@ def _notes(calibration: st.Calibration, found: dict[str, Any]) -> list[str]:
         "An event is more than half of the way from ground to marker, so places err by pixels: "
         "lower the camera's thresholds (biases) or add light.": found["coarse_steps"],
         f"The light flickers at {found['flicker_hz']} Hz: use direct current.": found["flicker_hz"],
-        f"Some {found['event_loss'] or 0:.0%} of the events were lost, so places err by more: "
-        "raise the camera's thresholds (biases), or use a faster link.": found["event_loss"],
+        f"ON and OFF events balance as badly as where {found['event_loss'] or 0:.0%} of the events "
+        "are lost, so places may err by more: raise the camera's thresholds (biases), or use a "
+        "faster link.": found["event_loss"],
         f"No lens: {found['no_lens']}.": found["no_lens"],
         f"Hot pixels, whose events are ignored: {len(hot)}.": hot,
         f"Left out, since they lie beyond the border: {len(left_out)}.": left_out,

@@ -32,7 +32,7 @@ FALLBACK = (
 )
 
 IN_CONTACT = (
-    "note: the recording begins in contact: markers move at once. The thresholds were "
+    "note: the recording begins in contact, or markers move at once. The thresholds were "
     "learned from its quietest 0.3 s; a recording without contact gives better ones: --quiet"
 )
 
@@ -161,8 +161,9 @@ def _learn(
         learned_from = args.quiet.name
     else:
         first, _ = stretch = contact.leading_quiet(sources)
-        leading = islice(contact.paired_windows(sources), *stretch)
+        leading = list(islice(contact.paired_windows(sources), *stretch))
         begun = any(map(partial(_moves, first=first), sources, calibrations))
+        begun = begun or contact.come_in_bursts(leading)
         if begun or not any(map(contact.count_of, leading)):
             first, stretch, learned_from = 0, contact.quietest(sources), "quietest"
         if begun:

@@ -139,8 +139,10 @@ class WordStream(Wire):
                 mended += int(salvage.mend_high_kernel(lows, whole, at.NONE, NO_WRAP_BITS))
                 words[places] = (wire.TIME_LOW << 12) | lows
             position, value, wrapped = time_words(self.view(words, self._size))
-        if (np.diff(value, prepend=max(last, 0)) < 0).any():  # else nothing contradicts
-            mended += int(salvage.mend_high_kernel(value, wrapped, last, self.form.high_bits))
+        # Where no time falls nothing contradicts: silence is long, and no time is mended.
+        told = value if (np.diff(value, prepend=max(last, 0)) < 0).any() else value[:0]
+        ends = wrapped[: len(told)]
+        mended += int(salvage.mend_high_kernel(told, ends, last, self.form.high_bits))
         self.heads(words)[position] = (wire.TIME_HIGH << self.form.high_bits) | value
         return mended
 
