@@ -23,11 +23,11 @@ class Size:
 
 # Folder -> what it may hold.
 MOST = {
-    "src/spikingtac": Size(245, 26_278, 24_183),
+    "src/spikingtac": Size(245, 26_287, 24_190),
     "src/spikingtac_paper": Size(60, 5_878, 4_800),
     "src/spikingtac_hardware": Size(11, 1_242, 1_163),
     "integrations": Size(23, 1_664, 1_577),
-    "tests": Size(210, 19_935, 17_499),
+    "tests": Size(210, 19_936, 17_499),
     "benchmarks": Size(4, 886, 699),
 }
 

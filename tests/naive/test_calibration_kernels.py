@@ -189,6 +189,11 @@ def test_full_swings_are_counted_pixel_by_pixel_but_for_snaps(back: bool, snaps:
     seen = compare(replace(known, index=index), model)
     expected = np.zeros((2, 3)) if snaps else [[3, 1, 1], [2, 1, 0]]
     np.testing.assert_allclose(seen.swings[pixel], expected, atol=0.02)
+    # ON noise of 2 and OFF noise of 3 Hz is subtracted, for as long as each swing takes.
+    noisy = compare(replace(known, index=index, noise_hz_px=np.array([2.0, 3.0])), model)
+    spans_s = (not snaps) * 1e-6 * np.diff(times_at(events, index)[[2, 4, 6]])[:, np.newaxis]
+    less = (seen.swings[pixel] - noisy.swings[pixel])[:, ::2]
+    np.testing.assert_allclose(less, spans_s * [[2.0, 3.0], [3.0, 2.0]], atol=1e-9)
     # A pixel near the rim, sqrt(13) px from the centre, swings less high.
     height = 0.0 if snaps else DiscProfile(4.0, 0.5).level(13**0.5 - 5.0)
     np.testing.assert_allclose(seen.swings[17 * SIZE[0] + 23, 0, 1], height, atol=0.002)

@@ -177,9 +177,11 @@ def survey(
     """
     spans_us = rests_us = find_rests(events)
     start_us, end_us = events.t_start_us, events.t_end_us
-    hazy = noise_rates(events, rests_us).sum() * 1e-6 * (end_us - start_us) >= HAZE_EVENTS
+    noise = noise_rates(events, rests_us) * 1e-6
+    hazy = noise.sum() * (end_us - start_us) >= HAZE_EVENTS
     shown = BackgroundActivityFilter(events.size)(events) if hazy else events
-    steps = mean_steps(events, moving_events(events, rests_us))
+    moving_us = end_us - start_us - np.diff(rests_us, axis=1).sum()
+    steps = mean_steps(events, moving_events(events, rests_us), noise * moving_us * events.pixels)
     if not len(rests_us):
         edges_us = np.linspace(start_us, end_us, EVEN_MAPS + 1).astype(np.int64)
         spans_us = np.column_stack([edges_us[:-1], edges_us[1:]])

@@ -69,10 +69,10 @@ PIXEL = np.dtype(
         # last sample at an end of a swing, and when the swing began.
         *((name, np.int32, 2) for name in ("expected", "sent", "last", "begun")),
         # The last end: 1 ground, 2 marker, 0 none yet, negative at the start; the time there, s;
-        # samples since a swing reached it (-1: none did); how deep the pixel went into each end, as
-        # a share of a full swing from the other one.
+        # when the swing began; samples since a swing reached it (-1: none did); how deep the pixel
+        # went into each end, as a share of a full swing from the other one.
         *((name, np.int32) for name in ("end", "since")),
-        ("end_s", np.float64),
+        *((name, np.float64) for name in ("end_s", "begun_s")),
         ("deepest", np.float32, 3),
     ],
     align=True,
@@ -120,7 +120,8 @@ def compare(evidence: Evidence, model: Model) -> Comparison:
     paths = evidence.index, at_s, model.center_px, model.stretch_px, states
     per_s = 1.0 / model.recovery_s if model.recovery_s > 0.0 else 0.0
     out = levels, owner, near, swings
-    compare_kernel(coded(events), events.shape, paths, model.discs.looks, pixels, per_s, out)
+    rates = per_s, evidence.noise_hz_px[::-1].copy()
+    compare_kernel(coded(events), events.shape, paths, model.discs.looks, pixels, rates, out)
     levels[1] /= PHASES
     off, on, *expected_off_on, looked_s = near[:, :-1]
     signal = np.array([on, off]) - np.multiply.outer(evidence.noise_hz_px, looked_s)
@@ -176,10 +177,10 @@ def follow_levels_kernel(
 
 @njit(cache=True)
 def end_swings_kernel(
-    chosen: Array, image: Array, owner: Array, pixels: Any, now_s: float,
+    chosen: Array, image: Array, owner: Array, pixels: Any, now_s: float, noise_hz: Array,
     swings: tuple[Array, Array],
 ) -> None:  # fmt: skip
-    """Add completed full swings to the sums of pixels and markers.
+    """Add completed full swings to the sums of pixels and markers, without OFF and ON noise.
 
     A pixel's first swing does not count: the level of its last event before it is not known.
     """
@@ -191,17 +192,20 @@ def end_swings_kernel(
         if pixel.since >= 0:
             pixel.since += 1
             if at != pixel.end or pixel.since >= SETTLE_SAMPLES or left:
-                until = pixel.last if at != pixel.end else pixel.sent
+                until, until_s = pixel.sent, now_s
+                if at != pixel.end:
+                    until, until_s = pixel.last, pixel.end_s
                 on = 1 if pixel.end == 2 else 0
+                noise = (until_s - pixel.begun_s) * noise_hz
                 for sums in (swings[0][q, 1 - on], swings[1][pixel.disc, 1 - on]):
-                    sums[0] += until[on] - pixel.begun[on]
+                    sums[0] += until[on] - pixel.begun[on] - noise[on]
                     sums[1] += pixel.deepest[1] + pixel.deepest[2] - 1.0
-                    sums[2] += until[1 - on] - pixel.begun[1 - on]
+                    sums[2] += until[1 - on] - pixel.begun[1 - on] - noise[1 - on]
                 pixel.since = -1
         if at != 0 and at != -pixel.end:
             if at != pixel.end and pixel.end > 0 and now_s - pixel.end_s > SNAP_S:
                 pixel.since = 0
-                pixel.begun[:] = pixel.last
+                pixel.begun[:], pixel.begun_s = pixel.last, pixel.end_s
             pixel.end, pixel.end_s = at, now_s
             pixel.last[:] = pixel.sent
 
@@ -209,18 +213,19 @@ def end_swings_kernel(
 @njit(cache=True)
 def compare_kernel(
     code: Array, shape: tuple[int, int], paths: tuple[Array, Array, Array, Array, Array],
-    looks: tuple[Array, Array, Array], pixels: Any, per_s: float,
+    looks: tuple[Array, Array, Array], pixels: Any, rates: tuple[float, Array],
     out: tuple[Array, Array, Array, tuple[Array, Array]],
 ) -> None:  # fmt: skip
     """Step through the samples; fill the records of the pixels, and a :class:`Comparison`.
 
     ``code`` holds all events, ``shape`` is that of an image; ``paths`` holds the events before each
-    sample, its time, s, places and stretches of the discs, and the states; ``per_s`` is the rate of
-    recovery, 1/s; ``out`` holds the levels; the owners; near each marker, and last near none, OFF
-    and ON events, expected ones, and the time for which its pixels were looked at, s; and the
-    swings by pixel and by marker.
+    sample, its time, s, places and stretches of the discs, and the states; ``rates`` those of
+    recovery, 1/s, and of OFF and ON noise, Hz; ``out`` holds the levels; the owners; near each
+    marker, and last near none, OFF and ON events, expected ones, and the time for which its pixels
+    were looked at, s; and the swings by pixel and by marker.
     """
     (index, at_s, center_px, stretch_px, states), (levels, owners, near, swings) = paths, out
+    per_s, noise_hz = rates
     image, owner = np.zeros(shape, np.float32), np.full(shape, -1, np.int32)
     now, whose, at, former, kept = image.ravel(), owner.ravel(), index[0], 0, 0
     chosen, drawn = np.empty(image.size, np.int64), np.empty(image.size, np.int64)
@@ -244,7 +249,7 @@ def compare_kernel(
                 chosen[changed] = q
                 changed += 1
         follow_levels_kernel(chosen[:changed], now, pixels, near, at_s[sample], per_s)
-        end_swings_kernel(chosen[:changed], now, whose, pixels, at_s[sample], swings)
+        end_swings_kernel(chosen[:changed], now, whose, pixels, at_s[sample], noise_hz, swings)
         if kept < len(states) and states[kept] == sample:
             on, off = pixels["on"], pixels["off"]
             for row, events in enumerate((pixels["sent"], pixels["expected"])):

@@ -17,7 +17,7 @@ from spikingtac.markers.calibration.recording import (
     smoothed,
 )
 from spikingtac.state_map.graded import Array
-from spikingtac.types import EventPacket
+from spikingtac.types import EventPacket, FloatArray
 
 # Resolution and range of the histogram of brightness swings, in ON events.
 BINS_PER_EVENT, LARGEST_SWING = 4, 100
@@ -35,7 +35,9 @@ SWING_QUANTILE = 0.5
 ON_SHARES = (0.02, 0.98)
 
 
-def mean_steps(events: EventPacket, moving: NDArray[np.bool_]) -> NDArray[np.float32]:
+def mean_steps(
+    events: EventPacket, moving: NDArray[np.bool_], noise: FloatArray
+) -> NDArray[np.float32]:
     """Return ``(2,)`` the mean steps of an ON and an OFF event, shares of a full swing.
 
     They are estimated from the balance of ON and OFF events and from the size of swings. Over a
@@ -44,21 +46,22 @@ def mean_steps(events: EventPacket, moving: NDArray[np.bool_]) -> NDArray[np.flo
 
     Args:
         events: The recording.
-        moving: ``bool[n]`` events that belong to motion, not to the sensor's noise.
+        moving: ``bool[n]`` events that come while the skin moves.
+        noise: ``(2,)`` ON and OFF events of the sensor's noise among them.
 
     Raises:
         CalibrationError: Nearly all events have one polarity.
     """
-    on = int(np.count_nonzero(events.p[moving]))
-    off = int(np.count_nonzero(moving)) - on
-    share = on / max(on + off, 1)
+    code = coded(events)[moving]
+    off, on = (np.bincount(code & 1, minlength=2) - noise[::-1]).clip(1.0)
+    share = on / (on + off)
     if not ON_SHARES[0] <= share <= ON_SHARES[1]:
         raise CalibrationError(
             f"{share:.0%} of the events of motion are ON events, so brightness never comes back "
             "and no marker can be followed; check the camera's thresholds (biases)"
         )
     swings = SwingHistogram(np.zeros(events.pixels, np.int64))
-    swings.absorb(coded(events), on / off)
+    swings.absorb(code, on / off)
     return swings.steps(on / off)[:, 0]
 
 

@@ -43,7 +43,7 @@ def test_the_nearest_marker_owns_a_pixel(whole: bool) -> None:
 
 def test_large_steps_and_wide_edges_need_dead_bands_unless_pixels_recover() -> None:
     blurred = {"step_on": 0.15, "step_off": 0.31, "edge_px": 1.3}
-    for own in {"step_on": 0.31, "step_off": 0.2}, {"edge_px": 1.3}, blurred:
-        assert needs_dead_bands(replace(PLAIN, **own))
-    for own in {}, {"step_off": 0.29}, {"edge_px": 1.1}, blurred | {"recovery_s": 0.2}:
-        assert not needs_dead_bands(replace(PLAIN, **own))
+    needed = {"step_on": 0.31, "step_off": 0.2}, {"edge_px": 1.3}, blurred
+    assert all(needs_dead_bands(replace(PLAIN, **own)) for own in needed)
+    others = {}, {"step_off": 0.29}, {"edge_px": 1.1}, blurred | {"recovery_s": 0.2}
+    assert not any(needs_dead_bands(replace(PLAIN, **own)) for own in others)
