@@ -27,7 +27,6 @@ from spikingtac.markers.graded.disc_fit import (
 )
 from spikingtac.markers.graded.map_leak import (
     GROUPS,
-    NOISE_PULL_PER_S,
     OUTER_PX,
     RADIUS_PULL_PER_S,
     TOLERANCE,
@@ -222,7 +221,7 @@ def test_leak_equals_its_twin_and_spares_the_edge() -> None:
     state_map = GradedStateMap(start.astype(np.float32))  # all of it lies around marker 0
     reach, step, share, drawing = OUTER_PX, 0.4, 0.25, 0.1
     noise_hz_px, tolerance = 2.0, TOLERANCE * step
-    own_s = -np.log1p(-drawing) / (RADIUS_PULL_PER_S + NOISE_PULL_PER_S * noise_hz_px**2)
+    own_s = -np.log1p(-drawing) / (RADIUS_PULL_PER_S * noise_hz_px**2)
     outline_px = ROUND_PX.copy()
     outline_px[1] = 6.2, 0.4, -0.3
     markers = moving_markers(REFERENCE_PX)

@@ -34,11 +34,11 @@ AGREEMENT_MEMORY_S = 0.2
 
 TOLERANCE = 0.3  # Tolerated disagreement, in mean steps of the marker.
 
-# Rate at which the edges of resting discs are pulled to their calibrated radii, 1/s, and what it
-# grows by with the square of the noise, 1/s at 1 Hz/px. (Without a pull the recorded gel, which has
-# no noise, errs by 0.92 px for 0.72, with 1 / s by 0.82 for 0.65. A leak of 1 Hz/px lets discs grow
-# by 1.8 px: a simulated sensor errs by 1.3 px, and by 0.8 px with growth. 3 to 30 are alike.)
-RADIUS_PULL_PER_S, NOISE_PULL_PER_S = 0.3, 3.0
+# Rate at which the edges of resting discs are pulled to their calibrated radii, 1/s; beyond a noise
+# of 1 Hz/px it grows with the square of the noise. (A simulated sensor of 5 Hz/px errs by 0.50 px
+# without growth, and by 0.2 px with it. Without a pull the recorded gel, which has no noise, errs
+# by 0.92 px for 0.72.)
+RADIUS_PULL_PER_S = 0.3
 
 # Rate at which the ground away from all discs leaks, 1/s. Noise that accumulates there biases a
 # disc that comes near: after 40 s of rest with 1 Hz/px, v2e's gel errs by 0.18 px (0.20 px at a
@@ -166,7 +166,7 @@ def leak_kernel(
     levels = flat, pixels.shape[1], pixels.shape[0]
     window = FitWindow(offset, polar, within, coefficients, ends)
     portion = np.float32(-math.expm1(-leak_per_s * dt_s * GROUPS))
-    pull_per_s = RADIUS_PULL_PER_S + NOISE_PULL_PER_S * noise_hz_px**2
+    pull_per_s = RADIUS_PULL_PER_S * max(noise_hz_px, 1.0) ** 2
     pull_share = -math.expm1(-pull_per_s * dt_s * GROUPS)
     for m in range(count % GROUPS, mean_agreement.size, GROUPS):
         marker = markers[m]
