@@ -92,6 +92,11 @@ class Discs(DiscProfile):
         return cls(over_ground, edge_px, calibration.radius_px)
 
     @property
+    def stated_contrast(self) -> Any:
+        """The contrasts as a calibration holds them: the larger intensity over the other."""
+        return np.maximum(self.contrast, 1.0 / self.contrast)
+
+    @property
     def looks(self) -> tuple[FloatArray, FloatArray, NDArray[np.float32]]:
         """Radius, edge, and levels ``(m, TABLE_STEPS)`` around the rim, for kernels."""
         z = np.linspace(-REACH_EDGES, REACH_EDGES, TABLE_STEPS)[:, np.newaxis]

@@ -117,15 +117,14 @@ def _all_and_rarer(counts: NDArray[Any]) -> NDArray[Any]:
     return np.stack([counts.sum(axis=-1), counts.min(axis=-1)], axis=-1)
 
 
-def come_in_bursts(windows: Iterable[Window]) -> bool:
+def come_in_bursts(counts: Sequence[int]) -> bool:
     """Return whether windows that pass for quiet hold motion: few of them have most events.
 
     Counts of blocks then vary by more than their mean, beyond a Poisson distribution. (At most 0.3
     of the mean on seven recordings with a quiet beginning, 1.7 on one that begins with a press.)
     """
-    counts = np.fromiter(map(count_of, windows), np.int64)
-    blocks = counts[: len(counts) // BURST_WINDOWS * BURST_WINDOWS].reshape(-1, BURST_WINDOWS)
-    events = blocks.sum(axis=1)
+    blocks = len(counts) // BURST_WINDOWS
+    events = np.reshape(counts[: blocks * BURST_WINDOWS], (blocks, BURST_WINDOWS)).sum(axis=1)
     return bool(events.var() - events.mean() > events.mean() ** 2)
 
 

@@ -161,10 +161,11 @@ def _learn(
         learned_from = args.quiet.name
     else:
         first, _ = stretch = contact.leading_quiet(sources)
-        leading = list(islice(contact.paired_windows(sources), *stretch))
+        # Counts only: the events of two minutes may fill the memory.
+        counts = list(map(contact.count_of, islice(contact.paired_windows(sources), *stretch)))
         begun = any(map(partial(_moves, first=first), sources, calibrations))
-        begun = begun or contact.come_in_bursts(leading)
-        if begun or not any(map(contact.count_of, leading)):
+        begun = begun or contact.come_in_bursts(counts)
+        if begun or not any(counts):
             first, stretch, learned_from = 0, contact.quietest(sources), "quietest"
         if begun:
             remark(IN_CONTACT)

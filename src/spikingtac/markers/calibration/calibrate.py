@@ -186,7 +186,7 @@ def _appearance(evidence: Evidence, model: Model, quality: Quality) -> dict[str,
     measured, enough = quality.measured, quality.events >= LEAST_STEP_EVENTS
     own = {
         "marker_edge_px": model.discs.edge_px,
-        "marker_contrast": np.maximum(model.discs.contrast, 1.0 / model.discs.contrast),
+        "marker_contrast": model.discs.stated_contrast,
         "marker_step_on": model.steps[0],
         "marker_step_off": model.steps[1],
         "radius_px": model.discs.radius_px,

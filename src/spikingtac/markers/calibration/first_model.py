@@ -188,7 +188,7 @@ def tracked(view: Overview, index: NDArray[np.int64], model: Model, rest_px: Flo
         radius_px=radius_px[seen],
         polarity=view.polarity,
         marker_edge_px=model.discs.edge_px[seen],
-        marker_contrast=np.maximum(model.discs.contrast, 1.0 / model.discs.contrast)[seen],
+        marker_contrast=model.discs.stated_contrast[seen],
         step_on=float(np.median(model.steps[0])),
         step_off=float(np.median(model.steps[1])),
         marker_step_on=model.steps[0, seen],

@@ -192,11 +192,9 @@ def end_swings_kernel(
         if pixel.since >= 0:
             pixel.since += 1
             if at != pixel.end or pixel.since >= SETTLE_SAMPLES or left:
-                until, until_s = pixel.sent, now_s
-                if at != pixel.end:
-                    until, until_s = pixel.last, pixel.end_s
+                ended = (pixel.last, pixel.end_s) if at != pixel.end else (pixel.sent, now_s)
                 on = 1 if pixel.end == 2 else 0
-                noise = (until_s - pixel.begun_s) * noise_hz
+                until, noise = ended[0], (ended[1] - pixel.begun_s) * noise_hz
                 for sums in (swings[0][q, 1 - on], swings[1][pixel.disc, 1 - on]):
                     sums[0] += until[on] - pixel.begun[on] - noise[on]
                     sums[1] += pixel.deepest[1] + pixel.deepest[2] - 1.0
