@@ -4,7 +4,9 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+from multiprocessing.queues import Queue
 from pathlib import Path
 
 import pytest
@@ -48,15 +50,17 @@ def test_a_task_whose_worker_dies_is_tried_again_and_then_given_up(tmp_path: Pat
         assert after.result() == (2, 1)
 
 
-def test_what_is_given_up_ends_at_once() -> None:
-    begun_s = time.monotonic()
+def test_what_is_given_up_ends_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Queue, "join_thread", lambda queue: time.sleep(0.3))  # ends slowly
+    begun_s, threads = time.monotonic(), threading.active_count()
     with pytest.raises(KeyboardInterrupt), worker_pool(1, 5, isolated=True) as pool:  # noqa: PT012
         pid = pool.submit(os.getpid).result()
-        pool.submit(time.sleep, 600)
-        later = pool.submit(time.sleep, 600)
+        working, later = (pool.submit(time.sleep, 600) for _ in range(2))
+        wait_until(working.running)
         raise KeyboardInterrupt
     assert later.cancelled()
     assert time.monotonic() - begun_s < 60
+    assert threading.active_count() <= threads
     wait_until(lambda: not runs(pid))
 
 

@@ -83,7 +83,6 @@ def run_batch(
     begin_run(batch.folder, _settings(batch), resume, overwrite)
     journal = batch.folder / JOURNAL
     found = _done(journal, jobs)
-    kept = len(found)
     with (
         worker_pool(batch.workers, len(jobs), isolated=True) as pool,
         journal.open("a", encoding="utf-8", newline="\n") as file,
@@ -107,7 +106,7 @@ def run_batch(
             advance(len(found) / len(jobs))
     rows = [found[job.source] for job in jobs]
     write_rows(batch.folder / TABLE, list({name: 0 for row in rows for name in row}), rows)
-    return sorted(rows, key=lambda row: not row["error"]), kept
+    return sorted(rows, key=lambda row: not row["error"]), len(jobs) - len(left)
 
 
 def write_rows(path: Path, columns: Sequence[str], rows: Sequence[Row]) -> None:

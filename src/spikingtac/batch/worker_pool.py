@@ -57,7 +57,8 @@ class WorkerProcesses(Executor):
     def __init__(self, count: int) -> None:
         self._threads = ThreadPoolExecutor(count)
         self._own = threading.local()  # the pool of each thread
-        self._processes: dict[ProcessPoolExecutor, int] = {}  # pool -> id of its process
+        self._pools: list[ProcessPoolExecutor] = []  # all that were started
+        self._processes: dict[ProcessPoolExecutor, int] = {}  # pool -> id of its living process
         self._ended = False
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
@@ -71,7 +72,7 @@ class WorkerProcesses(Executor):
         for pool in list(self._processes):
             self._kill(pool)
         self._threads.shutdown(wait=wait)
-        for pool in self._processes:
+        for pool in self._pools:
             pool.shutdown()  # joins its thread: at the interpreter's end its pipe may be gone
 
     def _run(self, task: Callable[[], Any]) -> Any:
@@ -91,8 +92,8 @@ class WorkerProcesses(Executor):
             raise BrokenProcessPool
         if not hasattr(self._own, "pool"):
             # Fresh interpreters: a fork would copy locks whose threads it does not copy.
-            spawn = multiprocessing.get_context("spawn")
-            pool = ProcessPoolExecutor(1, spawn, initializer=_begin)
+            pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=_begin)
+            self._pools.append(pool)
             self._processes[pool] = pool.submit(os.getpid).result()
             self._own.pool = pool
             if self._ended:
@@ -100,7 +101,7 @@ class WorkerProcesses(Executor):
         return self._own.pool
 
     def _kill(self, pool: ProcessPoolExecutor) -> None:
-        with suppress(ProcessLookupError):
+        with suppress(KeyError, ProcessLookupError):  # it may have died by itself
             os.kill(self._processes[pool], getattr(signal, "SIGKILL", signal.SIGTERM))
 
 

@@ -12,9 +12,7 @@ import pytest
 
 from spikingtac.errors import DeviceError
 from spikingtac.stream.host import Asker, Host, end_in_order
-from stand_ins.waiting import wait_until
-
-PATIENCE_S = 60.0
+from stand_ins.waiting import PATIENCE_S, wait_until
 
 
 def echo(asker: Asker, word: str) -> None:
