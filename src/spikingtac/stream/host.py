@@ -102,7 +102,7 @@ class Host:
             if self._done:
                 raise EOFError from error
             self.wait(END_S)
-            killed = (self._process.poll() or 0) < 0
+            killed = self._process.poll() == -signal.SIGKILL
             how = "was killed; the machine may have run out of memory" if killed else "ended"
             self.lost = True
             raise DeviceError(f"the process of {self._what} {how}; start it again") from error
