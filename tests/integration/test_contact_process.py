@@ -64,8 +64,10 @@ def guard(notes: Path) -> Iterator[Any]:
 
 
 def wait(process: ContactProcess, *phases: str) -> dict[str, Any]:
-    status: dict[str, Any] = {}
-    wait_until(lambda: status.update(process.status()) or status.get("phase") in phases)
+    until_s = time.monotonic() + PATIENCE_S
+    while (status := process.status()).get("phase") not in phases:
+        assert time.monotonic() < until_s, status
+        time.sleep(0.005)
     return status
 
 

@@ -87,6 +87,12 @@ def test_a_law_takes_the_estimates_of_its_tracker(tmp_path: Path) -> None:
     )
 
 
+def test_keys_tell_camera_seed_and_loss_apart() -> None:
+    changes = {"seed": 1}, {"loss": 0.3}, {"damaged": 2}, {"camera": "noisy"}
+    trials = [TRIAL, *(replace(TRIAL, **change) for change in changes)]
+    assert len({trial.key() for trial in trials}) == len(trials)
+
+
 def test_the_slides_have_noise_of_their_own(tmp_path: Path) -> None:
     # Of equal seeds, 3 of 4 events of a noisy second are the same in any two scenes.
     trial = Trial(case="x", scene="quiet", seed=0, camera="noisy", duration_s=0.3)

@@ -12,7 +12,9 @@ import pytest
 
 from spikingtac.errors import DeviceError
 from spikingtac.stream.host import Asker, Host, end_in_order
-from stand_ins.waiting import PATIENCE_S, wait_until
+from stand_ins.waiting import wait_until
+
+PATIENCE_S = 60.0
 
 
 def echo(asker: Asker, word: str) -> None:

@@ -23,10 +23,11 @@ from spikingtac.viewer.process import SessionProcess
 from spikingtac.viewer.server import UNACKNOWLEDGED, PageServer, serve
 from spikingtac.viewer.show import show
 from stand_ins.viewer import open_circling, open_nothing
-from stand_ins.waiting import PATIENCE_S, wait_until
+from stand_ins.waiting import wait_until
 
 pytestmark = pytest.mark.waits
 
+PATIENCE_S = 60.0
 BRIEF_S = 0.05
 
 

@@ -139,7 +139,7 @@ class WordStream(Wire):
                 mended += int(salvage.mend_high_kernel(lows, whole, at.NONE, NO_WRAP_BITS))
                 words[places] = (wire.TIME_LOW << 12) | lows
             position, value, wrapped = time_words(self.view(words, self._size))
-        # Where no time falls nothing contradicts: silence is long, and no time is mended.
+        # Where no time falls nothing is mended (a call all the same: the warm-up compiles it).
         told = value if (np.diff(value, prepend=max(last, 0)) < 0).any() else value[:0]
         ends = wrapped[: len(told)]
         mended += int(salvage.mend_high_kernel(told, ends, last, self.form.high_bits))
